@@ -1,0 +1,77 @@
+"""The latent code: k points that move with the object, and the rigid frame that they span.
+
+The first half of the points are landmarks, z_j = c + E a_j: c is the object's centre, a_j the fixed template below and
+E = R_camera_object diag(extents) the object's scaled axes. E[:, 2] points along the axis to the top, E[:, 0] to the
+handle. For ambiguous (axially symmetric) objects only the component along the axis is there: z_j = c + E[:, 2] a_j[2].
+The second half is free for the decoder.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from neuse.geometry import Array, make_transform, transform_points
+
+
+@cache
+def landmark_template(k: int) -> Array:
+    """(k // 2, 3) fixed landmark directions a_j: zero mean, A.T @ A = (k // 2) / 3 * I."""
+    raw = np.random.default_rng(1987).normal(size=(k // 2, 3))
+    orthonormal, _ = np.linalg.qr(raw - raw.mean(axis=0))
+    template = orthonormal * np.sqrt(k // 2 / 3)
+    template.setflags(write=False)
+    return template
+
+
+@dataclass(frozen=True)
+class Code:
+    """What the encoder knows of one object in one view (NeuSE section III).
+
+    z: (k, 3) float64 latent points, metres, in the frame of the encoded cloud.
+    descriptor: (k,) float64, unit length, invariant to pose; compare by the dot product.
+    sigmas: (6,) float64, standard deviations of the object's rigid frame, rotation first (rad), then translation (m),
+        along the object frame's axes; for ambiguous objects the third (about the axis) is pi.
+    """
+
+    category: str
+    ambiguous: bool
+    z: Array
+    descriptor: Array
+    sigmas: Array
+
+    @property
+    def landmarks(self) -> Array:
+        """(k // 2, 3) points that the registration uses."""
+        return self.z[: len(self.z) // 2]
+
+    @property
+    def center(self) -> Array:
+        """(3,) centre of the object (not of the observed points)."""
+        return self.landmarks.mean(axis=0)
+
+    @property
+    def axes(self) -> Array:
+        """(3, 3) scaled axes E, least squares over the landmarks; metres."""
+        template = landmark_template(len(self.z))
+        return (self.landmarks - self.center).T @ template * (3.0 / len(template))
+
+    @property
+    def T_frame_object(self) -> Array:
+        """(4, 4) pose of the object frame: p_frame = T_frame_object @ p_object; x is arbitrary if ambiguous."""
+        return make_transform(_orthonormal(self.axes, self.ambiguous), self.center)
+
+    def transformed(self, T_target_source: Array) -> "Code":
+        """The same code seen from another frame: z_target = T_target_source @ z."""
+        return replace(self, z=transform_points(T_target_source, self.z))
+
+
+def _orthonormal(axes: Array, ambiguous: bool) -> Array:
+    """Right-handed rotation with z along axes[:, 2] and x in the half plane of axes[:, 0]."""
+    z = axes[:, 2] / max(np.linalg.norm(axes[:, 2]), 1e-12)
+    x = np.eye(3)[np.argmin(np.abs(z))] if ambiguous else axes[:, 0]
+    x = x - z * (z @ x)
+    if np.linalg.norm(x) < 1e-9:
+        x = np.eye(3)[np.argmin(np.abs(z))] - z * z[np.argmin(np.abs(z))]
+    x = x / np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)

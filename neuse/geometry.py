@@ -1,0 +1,97 @@
+"""Rigid transforms as (4, 4) float64 arrays: p_target = T_target_source @ p_source.
+
+Tangent vectors are (6,) rotation first, [omega rad, v m], and perturb on the right (in the source frame):
+T_true = T @ exp(xi). Covariances inside the library are of that xi, as in GTSAM. ROS orders translation first,
+on the axes of the target frame; only this module converts.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+
+def make_transform(R: ArrayLike, t: ArrayLike) -> Array:
+    """(4, 4) transform from a (3, 3) rotation and a (3,) translation."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, t
+    return T
+
+
+def inverse(T: Array) -> Array:
+    """Inverse of rigid transforms, (..., 4, 4)."""
+    R_transposed = np.swapaxes(T[..., :3, :3], -1, -2)
+    inverted = np.zeros_like(T)
+    inverted[..., :3, :3] = R_transposed
+    inverted[..., :3, 3] = -(R_transposed @ T[..., :3, 3:])[..., 0]
+    inverted[..., 3, 3] = 1.0
+    return inverted
+
+
+def transform_points(T: Array, points: ArrayLike) -> Array:
+    """p_target = T_target_source @ p_source for points of shape (n, 3) or (3,)."""
+    return np.asarray(points, dtype=np.float64) @ T[:3, :3].T + T[:3, 3]
+
+
+def rotation_angle(R: Array) -> float:
+    """Angle of a (3, 3) rotation, radians in [0, pi]."""
+    return float(Rotation.from_matrix(R).magnitude())
+
+
+def skew(v: ArrayLike) -> Array:
+    """(3, 3) matrix with skew(v) @ w = v x w."""
+    x, y, z = np.asarray(v, dtype=np.float64)
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _left_jacobian(omega: Array) -> Array:
+    angle = float(np.linalg.norm(omega))
+    K = skew(omega)
+    if angle < 1e-6:
+        return np.eye(3) + K / 2 + K @ K / 6
+    return np.eye(3) + (1 - np.cos(angle)) / angle**2 * K + (angle - np.sin(angle)) / angle**3 * K @ K
+
+
+def exp(xi: ArrayLike) -> Array:
+    """SE(3) exponential of a (6,) tangent vector [omega, v]."""
+    xi = np.asarray(xi, dtype=np.float64)
+    return make_transform(Rotation.from_rotvec(xi[:3]).as_matrix(), _left_jacobian(xi[:3]) @ xi[3:])
+
+
+def log(T: Array) -> Array:
+    """SE(3) logarithm, (6,) tangent vector [omega, v]; inverse of `exp`."""
+    omega = Rotation.from_matrix(T[:3, :3]).as_rotvec()
+    return np.concatenate([omega, np.linalg.solve(_left_jacobian(omega), T[:3, 3])])
+
+
+def adjoint(T: Array) -> Array:
+    """(6, 6) adjoint: T @ exp(xi) = exp(adjoint(T) @ xi) @ T."""
+    R, t = T[:3, :3], T[:3, 3]
+    return np.block([[R, np.zeros((3, 3))], [skew(t) @ R, R]])
+
+
+def transform_from_quaternion(q_xyzw: ArrayLike, t: ArrayLike) -> Array:
+    """(4, 4) transform from a quaternion in x, y, z, w order and a translation."""
+    return make_transform(Rotation.from_quat(np.asarray(q_xyzw, dtype=np.float64)).as_matrix(), t)
+
+
+def quaternion_xyzw(T: Array) -> Array:
+    """Unit quaternion of a transform's rotation, x, y, z, w order, w >= 0."""
+    return Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
+
+
+def covariance_to_ros(covariance: Array, T_target_source: Array) -> Array:
+    """Library covariance (rotation first, source axes) as ROS has it (translation first, target axes)."""
+    return _permute_and_rotate(covariance, T_target_source[:3, :3])
+
+
+def covariance_from_ros(covariance_ros: Array, T_target_source: Array) -> Array:
+    """ROS covariance (translation first, target axes) as the library has it (rotation first, source axes)."""
+    return _permute_and_rotate(covariance_ros, T_target_source[:3, :3].T)
+
+
+def _permute_and_rotate(covariance: Array, R: Array) -> Array:
+    swapped = np.roll(covariance, (3, 3), axis=(0, 1))
+    R2 = np.kron(np.eye(2), R)
+    return R2 @ swapped @ R2.T

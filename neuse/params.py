@@ -1,0 +1,71 @@
+"""Parameters: frozen dataclasses are the only home of a default, its meaning and its range."""
+
+import dataclasses
+from typing import Any, TypeVar
+
+from neuse.errors import ParamError
+
+Params = TypeVar("Params")
+
+
+def param(default: Any, description: str, low: float | None = None, high: float | None = None) -> Any:
+    """A dataclass field that carries what a ROS parameter descriptor needs: meaning and closed range."""
+    return dataclasses.field(default=default, metadata={"description": description, "low": low, "high": high})
+
+
+class CheckedParams:
+    """Mixin: refuses values outside the declared ranges when the dataclass is built."""
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            _check_range(field, getattr(self, field.name))
+
+
+def _check_range(field: dataclasses.Field, value: Any) -> None:
+    low, high = field.metadata.get("low"), field.metadata.get("high")
+    too_low, too_high = low is not None and not value >= low, high is not None and not value <= high
+    if too_low or too_high:
+        raise ParamError(
+            f"parameter {field.name} = {value!r} is outside [{low}, {high}]; choose a value inside"
+        )
+
+
+def flatten(params: Any, prefix: str = "") -> dict[str, Any]:
+    """Nested parameter dataclasses as {"dotted.name": value}."""
+    flat: dict[str, Any] = {}
+    for field in dataclasses.fields(params):
+        value = getattr(params, field.name)
+        nested = dataclasses.is_dataclass(value)
+        flat |= flatten(value, f"{prefix}{field.name}.") if nested else {f"{prefix}{field.name}": value}
+    return flat
+
+
+def fields(params: Any, prefix: str = "") -> dict[str, dataclasses.Field]:
+    """{"dotted.name": dataclass field} of nested parameter dataclasses, in the order of `flatten`."""
+    flat: dict[str, dataclasses.Field] = {}
+    for field in dataclasses.fields(params):
+        value = getattr(params, field.name)
+        nested = dataclasses.is_dataclass(value)
+        flat |= fields(value, f"{prefix}{field.name}.") if nested else {f"{prefix}{field.name}": field}
+    return flat
+
+
+def build(defaults: Params, values: dict[str, Any]) -> Params:
+    """A copy of `defaults` with {"dotted.name": value} put in; inverse of `flatten`.
+
+    Raises:
+        ParamError: a name that `defaults` does not have, or a value outside its range.
+    """
+    own: dict[str, Any] = {}
+    nested: dict[str, dict[str, Any]] = {}
+    names = {field.name for field in dataclasses.fields(defaults)}  # type: ignore[arg-type]
+    for name, value in values.items():
+        head, _, tail = name.partition(".")
+        if head not in names:
+            raise ParamError(f"unknown parameter {name!r}; known: {', '.join(flatten(defaults))}")
+        if tail:
+            nested.setdefault(head, {})[tail] = value
+        else:
+            own[head] = value
+    own |= {head: build(getattr(defaults, head), inner) for head, inner in nested.items()}
+    return dataclasses.replace(defaults, **own)  # type: ignore[type-var]
