@@ -1,0 +1,150 @@
+"""A depth camera by ray casting: z-depth, instance labels and surface normals of triangle meshes (Embree)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import trimesh
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+
+from neuse.errors import MeshError, ParamError
+from neuse.geometry import Array, transform_points
+from neuse.records import Intrinsics
+
+Window = tuple[int, int, int, int]
+NOTHING = -1
+
+
+class Solid(NamedTuple):
+    """A mesh at its place: p_world = T_world_mesh @ p_mesh; label 0 is background."""
+
+    mesh: trimesh.Trimesh
+    T_world_mesh: Array
+    label: int = 0
+
+
+class RayScene:
+    """Solids in an acceleration structure: build once per arrangement, render from any number of poses.
+
+    Rendering is free of shared state, so several threads may render one scene.
+    """
+
+    def __init__(self, solids: Sequence[Solid]) -> None:
+        """Raises MeshError when there is no solid, or one has no faces."""
+        if not solids or any(len(solid.mesh.faces) == 0 for solid in solids):
+            raise MeshError(f"a scene needs solids with faces, got {len(solids)} solids")
+        self.solids = tuple(solids)
+        self._labels = np.array([solid.label for solid in solids] + [0], dtype=np.int32)
+        self._embree = EmbreeScene()
+        # the scene does not hold references, but it reads the vertices
+        self._geometries = [_embree_mesh(self._embree, solid) for solid in solids]
+        self.cast(np.zeros(3), np.ones((1, 3), dtype=np.float32))  # builds the tree before threads share it
+
+    def cast(self, origin: Array, directions: np.ndarray) -> dict[str, np.ndarray]:
+        """First hit of each ray origin + tfar * direction.
+
+        Args:
+            origin: (3,) metres, world.    directions: (n, 3) float32, world, of any length.
+        Returns:
+            tfar (n,), geomID and primID (n,) solid and face or NOTHING, u and v (n,) barycentric coordinates,
+            Ng (n, 3) normal of the face, not normalised.
+        """
+        origins = np.broadcast_to(np.asarray(origin, dtype=np.float32), directions.shape)
+        return self._embree.run(origins, directions, output=1)
+
+    def labels_of(self, solid_ids: np.ndarray) -> np.ndarray:
+        """Instance labels of solids, by index; NOTHING gives 0."""
+        return self._labels[solid_ids]
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """What a camera sees, without a sensor's faults; (h, w) of the window.
+
+    depth_m: (h, w) float32, metres along z, 0 where nothing is hit.
+    label: (h, w) int32 instance, 0 background.
+    solid, face: (h, w) int32 indices into RayScene.solids and the faces of its mesh, or NOTHING.
+    normal: (h, w, 3) float32 normal of the face, world frame, not normalised.
+    """
+
+    depth_m: np.ndarray
+    label: np.ndarray
+    solid: np.ndarray
+    face: np.ndarray
+    normal: np.ndarray
+
+
+class DepthCamera:
+    """Pinhole depth camera; pixel (u, v) looks along ((u - cx) / fx, (v - cy) / fy, 1), optical frame."""
+
+    def __init__(self, intrinsics: Intrinsics) -> None:
+        """Raises ParamError for an image without pixels or a focal length that is not positive."""
+        if min(intrinsics.width, intrinsics.height, intrinsics.fx, intrinsics.fy) <= 0:
+            raise ParamError(f"image size and focal lengths must be positive, got {intrinsics}")
+        self.intrinsics = intrinsics
+        u = (np.arange(intrinsics.width) - intrinsics.cx) / intrinsics.fx
+        v = (np.arange(intrinsics.height) - intrinsics.cy) / intrinsics.fy
+        x, y = np.meshgrid(u, v)
+        self._rays = np.stack([x, y, np.ones_like(x)], axis=-1).astype(np.float32)  # (h, w, 3)
+
+    def render(self, scene: RayScene, T_world_camera: Array, window: Window | None = None) -> Rendering:
+        """The scene from one pose.
+
+        Args:
+            T_world_camera: (4, 4), p_world = T_world_camera @ p_camera, optical frame.
+            window: (u0, v0, u1, v1) half-open pixel box to render alone, or None for the whole image.
+        Raises:
+            ParamError: the window is empty or leaves the image.
+        """
+        rays = self.rays(window)
+        shape = rays.shape[:2]
+        directions = rays.reshape(-1, 3) @ T_world_camera[:3, :3].T.astype(np.float32)
+        hits = scene.cast(T_world_camera[:3, 3], directions)
+        solid = hits["geomID"].reshape(shape)
+        depth_m = hits["tfar"].reshape(shape)  # rays have z = 1 in the camera frame: ray length is z-depth
+        depth_m[solid == NOTHING] = 0.0
+        label = scene.labels_of(solid)
+        return Rendering(depth_m, label, solid, hits["primID"].reshape(shape), hits["Ng"].reshape(*shape, 3))
+
+    def rays(self, window: Window | None = None) -> np.ndarray:
+        """(h, w, 3) float32 viewing rays, z = 1, optical frame; a pixel's point is ray * depth."""
+        if window is None:
+            return self._rays
+        u0, v0, u1, v1 = window
+        if not (0 <= u0 < u1 <= self.intrinsics.width and 0 <= v0 < v1 <= self.intrinsics.height):
+            raise ParamError(
+                f"window {window} is no box inside {self.intrinsics.width} x {self.intrinsics.height}"
+            )
+        return self._rays[v0:v1, u0:u1]
+
+    def window_around(self, points_camera: Array, margin_px: int = 0) -> Window | None:
+        """Smallest window that holds the projections of (n, 3) camera-frame points; None if out of sight.
+
+        Points behind the camera cannot be projected; with any of them the answer is None.
+        """
+        if points_camera[:, 2].min() <= 0.0:
+            return None
+        k = self.intrinsics
+        u = points_camera[:, 0] / points_camera[:, 2] * k.fx + k.cx
+        v = points_camera[:, 1] / points_camera[:, 2] * k.fy + k.cy
+        u0, v0 = max(int(u.min()) - margin_px, 0), max(int(v.min()) - margin_px, 0)
+        u1, v1 = min(int(u.max()) + margin_px + 2, k.width), min(int(v.max()) + margin_px + 2, k.height)
+        return (u0, v0, u1, v1) if u0 < u1 and v0 < v1 else None
+
+
+def _embree_mesh(scene: EmbreeScene, solid: Solid) -> TriangleMesh:
+    vertices = transform_points(solid.T_world_mesh, solid.mesh.vertices).astype(np.float32)
+    return TriangleMesh(scene, vertices, np.asarray(solid.mesh.faces, dtype=np.int32))
+
+
+def look_at(eye: Array, target: Array) -> Array:
+    """T_world_camera of a level camera at `eye` whose optical axis passes through `target`; world z is up."""
+    z = (target - eye) / np.linalg.norm(target - eye)
+    x = np.cross(z, [0.0, 0.0, 1.0])
+    x /= np.linalg.norm(x)
+    T_world_camera = np.eye(4)
+    T_world_camera[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
+    T_world_camera[:3, 3] = eye
+    return T_world_camera
