@@ -1,0 +1,1 @@
+"""Bags in and out: simulate, convert, play, record, run the in-process pipeline, evaluate."""

@@ -1,0 +1,164 @@
+"""Bags on disk, both ways: MCAP with profile ros2, zstd chunks, embedded definitions and recorded quality of service."""
+
+from collections import Counter
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from mcap.writer import CompressionType, Writer
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message, serialize_message
+from rosbags.interfaces import Connection, ConnectionExtRosbag2
+from rosbags.rosbag2 import Reader
+
+from neuse.errors import BagError
+from neuse_bags.definitions import message_class, message_definition
+from neuse_bags.qos import qos_from_rosbags, qos_to_yaml
+
+_CHUNK_BYTES = 4 * 1024 * 1024
+
+
+@dataclass(frozen=True)
+class BagTopic:
+    """A topic of a bag; qos: the profiles its publishers offered, empty when the bag does not say."""
+
+    name: str
+    type_name: str
+    qos: tuple[QoSProfile, ...]
+    n_messages: int
+
+
+@dataclass(frozen=True)
+class RawMessage:
+    """A message as it lies in the bag: CDR bytes, and when it was logged."""
+
+    topic: str
+    type_name: str
+    stamp_ns: int
+    data: bytes
+
+    def decode(self) -> Any:
+        """The message object; raises BagError if its type is not installed here."""
+        return deserialize_message(self.data, message_class(self.type_name))
+
+
+class BagWriter:
+    """Writes one .mcap file; as a context manager it closes the file whole, whatever happens inside.
+
+    Raises:
+        BagError: the path does not end in .mcap or cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        if path.suffix != ".mcap":
+            raise BagError(f"{path}: the name of a bag ends in .mcap; rename it")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._stream = path.open("wb")
+        except OSError as error:
+            raise BagError(f"{path} cannot be written: {error.strerror}") from error
+        self.path = path
+        self.counts: Counter[str] = Counter()
+        self._channel_ids: dict[str, int] = {}
+        self._schema_ids: dict[str, int] = {}
+        self._writer = Writer(self._stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._writer.start(profile="ros2", library="neuse_bags")
+
+    def __enter__(self) -> "BagWriter":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Flush the last chunk, write the index and close the file."""
+        if not self._stream.closed:
+            self._writer.finish()
+            self._stream.close()
+
+    def add_topic(self, name: str, type_name: str, qos: Collection[QoSProfile]) -> None:
+        """Declare a topic; needed once before its first message."""
+        if type_name not in self._schema_ids:
+            definition = message_definition(type_name).encode()
+            self._schema_ids[type_name] = self._writer.register_schema(type_name, "ros2msg", definition)
+        self._channel_ids[name] = self._writer.register_channel(
+            topic=name,
+            message_encoding="cdr",
+            schema_id=self._schema_ids[type_name],
+            metadata={"offered_qos_profiles": qos_to_yaml(list(qos))},
+        )
+
+    def write_raw(self, topic: str, data: bytes, stamp_ns: int) -> None:
+        """Append CDR bytes to a declared topic."""
+        self._writer.add_message(self._channel_ids[topic], stamp_ns, data, stamp_ns, self.counts[topic])
+        self.counts[topic] += 1
+
+    def write(self, topic: str, message: Any, stamp_ns: int) -> None:
+        """Append a message object to a declared topic."""
+        self.write_raw(topic, serialize_message(message), stamp_ns)
+
+
+class BagReader:
+    """Reads a .mcap or .db3 file, or a rosbag2 folder; a context manager.
+
+    Raises:
+        BagError: the bag is missing, truncated, damaged, or not of ROS 2.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with _reading(path):
+            self._reader = Reader(path)
+            self._reader.open()
+        self.topics = {topic.name: topic for topic in map(_bag_topic, self._reader.connections)}
+        self.start_ns, self.end_ns = self._reader.start_time, self._reader.end_time
+
+    def __enter__(self) -> "BagReader":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._reader.close()
+
+    def require(self, topics: Collection[str]) -> None:
+        """Raises BagError naming the topics that the bag lacks."""
+        missing = sorted(set(topics) - self.topics.keys())
+        if missing:
+            has = ", ".join(sorted(self.topics)) or "nothing"
+            raise BagError(f"{self.path} lacks {', '.join(missing)}; it has {has}")
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
+        """Messages in the order of their log stamps, of all topics or of some; topics not in the bag are ignored."""
+        wanted = [c for c in self._reader.connections if topics is None or c.topic in topics]
+        with _reading(self.path):
+            for connection, stamp_ns, data in self._reader.messages(wanted) if wanted else ():
+                yield RawMessage(connection.topic, connection.msgtype, stamp_ns, bytes(data))
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Whatever the parser says of a damaged file, as one BagError that tells the way out."""
+    try:
+        yield
+    except FileNotFoundError as error:
+        raise BagError(f"{path} does not exist") from error
+    except BagError:
+        raise
+    except Exception as error:  # a damaged file can fail anywhere inside the parser
+        hint = "not a ROS 2 bag, or truncated; `mcap recover` saves what is left of a truncated file"
+        raise BagError(f"{path} cannot be read ({error or type(error).__name__}): {hint}") from error
+
+
+def _bag_topic(connection: Connection) -> BagTopic:
+    ext = connection.ext
+    assert isinstance(ext, ConnectionExtRosbag2)
+    if ext.serialization_format != "cdr":
+        raise BagError(f"topic {connection.topic} is encoded as {ext.serialization_format}; only cdr is ROS 2")
+    qos = tuple(qos_from_rosbags(profile) for profile in ext.offered_qos_profiles)
+    return BagTopic(connection.topic, connection.msgtype, qos, connection.msgcount)
