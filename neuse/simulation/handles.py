@@ -1,4 +1,4 @@
-"""Procedural mug handles: a section swept along a centre line in the x-z plane, from the body out to +x and back."""
+"""Procedural mug handles: a section swept along a centre line in the x-z plane, out to +x and back."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,24 +12,23 @@ from neuse.simulation.solids import Control, rounded_polyline, sample_controls, 
 
 SMOOTH = (9.0, 9.0)
 
-# Corners of the centre line from top to bottom: reach (0 = body, 1 = farthest), height (1 = top, 0 = bottom of the
-# handle), and rounding / reach. None: built by its own function.
-HANDLES: dict[str, tuple[Control, ...] | None] = {
+# Corners of the centre line from top to bottom: ranges of reach (0 = body, 1 = farthest), of height (0 and 1:
+# its ends), and of rounding / reach.
+CENTER_LINES: dict[str, tuple[Control, ...]] = {
     "ear": (
         ((0.6, 1.0), (1.0, 1.1), SMOOTH), ((1, 1), (0.75, 1.0), SMOOTH),
         ((0.6, 0.95), (0.1, 0.4), SMOOTH), ((0.1, 0.5), (-0.05, 0.1), SMOOTH),
     ),
-    "ring": None,
     "square": (((0.95, 1.0), (0.95, 1.05), (0.15, 0.4)), ((0.9, 1.0), (-0.05, 0.05), (0.15, 0.4))),
     "c": (((1, 1), (0.95, 1.1), SMOOTH), ((1, 1), (0.4, 0.6), SMOOTH), ((1, 1), (-0.1, 0.05), SMOOTH)),
     "d": (((0.9, 1), (0.65, 0.9), (0.3, 1)), ((0.9, 1), (0.1, 0.35), (0.3, 1))),
-    "double_post": None,
     "triangle": (((0.9, 1.0), (0.95, 1.05), (0.25, 0.6)),),
     "hook": (
         ((1, 1), (0.95, 1.05), SMOOTH), ((1, 1), (0.2, 0.4), SMOOTH), ((0.5, 0.7), (-0.05, 0.1), SMOOTH),
     ),
 }  # fmt: skip
 
+HANDLES = (*CENTER_LINES, "ring", "double_post")
 HELD_OUT_HANDLES = ("hook", "triangle")
 
 Radius = Callable[[ArrayLike], Array]
@@ -59,11 +58,11 @@ class _Frame:
 
 
 def sample_handle(name: str, radius: Radius, height: float, rng: np.random.Generator) -> manifold3d.Manifold:
-    """A random handle of the family `name` for a body with this outer radius over z in [0, height], metres."""
+    """A random handle of the family `name` for a body with this outer radius at z in [0, height], metres."""
     widest = float(radius(np.linspace(0, height, 20)).max())
     span, reach = height * rng.uniform(0.38, 0.8), max(0.012, widest * rng.uniform(0.35, 0.95))
     half_sizes = np.minimum(
-        rng.uniform([0.0018, 0.0025], [0.0055, 0.01]), [0.12 * min(span, 1.6 * reach), 0.28 * widest]
+        rng.uniform([0.0018, 0.0025], [0.007, 0.011]), [0.12 * min(span, 1.6 * reach), 0.28 * widest]
     )
     margin = half_sizes[0] + 0.04 * height
     span = min(span, height - 2 * margin)
@@ -87,7 +86,7 @@ def _bulge(radius: Radius, low: float, high: float) -> float:
 
 def _path(name: str, frame: _Frame, half_thickness: float, rng: np.random.Generator) -> Array:
     """Centre line (n, 2) through a draw of the family's corners."""
-    corners, rounding = sample_controls(HANDLES[name], rng)
+    corners, rounding = sample_controls(CENTER_LINES[name], rng)
     upwards = np.clip(corners[:, 1], 0, 1) if name != "hook" else corners[:, 1]
     points = np.stack([frame.x(corners[:, 0], upwards), frame.z(upwards)], axis=1)
     ends = [frame.anchor(frame.high), frame.anchor(frame.low)]

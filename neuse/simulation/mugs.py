@@ -1,7 +1,7 @@
 """Procedural mugs: a hollow body of revolution and a handle, in real sizes.
 
-A body is a family of profiles, a handle a family of centre lines. The handle is joined to the solid body before the
-body is hollowed, so that it never shows inside.
+A body is a family of profiles, a handle a family of centre lines. The handle is joined to the solid body
+before the body is hollowed, so that it never shows inside.
 """
 
 from dataclasses import dataclass
@@ -18,8 +18,8 @@ from neuse.simulation.solids import Control, lathe, rounded_polyline, sample_con
 SMOOTH = (9.0, 9.0)
 SHARP = (0.02, 0.08)
 
-# Corners of the outside from foot to rim: ranges of radius / largest radius, height / whole height and rounding /
-# largest radius. The first corner is the edge of the foot.
+# Corners of the outside from the edge of the foot to the rim: ranges of radius / largest radius, of height /
+# whole height, and of rounding / largest radius.
 BODIES: dict[str, tuple[Control, ...]] = {
     "straight": (((0.95, 1.0), (0, 0), (0.03, 0.2)), ((0.97, 1.0), (1, 1), SHARP)),
     "tapered": (((0.55, 0.9), (0, 0), (0.03, 0.25)), ((1, 1), (1, 1), SHARP)),
@@ -28,12 +28,16 @@ BODIES: dict[str, tuple[Control, ...]] = {
         ((0.55, 0.8), (0, 0), (0.03, 0.15)), ((1, 1), (0.15, 0.3), SMOOTH),
         ((1, 1), (0.5, 0.7), SMOOTH), ((0.65, 0.92), (1, 1), SHARP),
     ),
-    "waisted": (((0.8, 1), (0, 0), (0.03, 0.15)), ((0.55, 0.75), (0.35, 0.6), SMOOTH), ((0.85, 1), (1, 1), SHARP)),
+    "waisted": (
+        ((0.8, 1), (0, 0), (0.03, 0.15)), ((0.55, 0.75), (0.35, 0.6), SMOOTH), ((0.85, 1), (1, 1), SHARP),
+    ),
     "round_bottom": (
         ((0.25, 0.5), (0, 0), (0.02, 0.1)), ((0.8, 1), (0.03, 0.12), SMOOTH),
         ((1, 1), (0.35, 0.6), SMOOTH), ((0.95, 1.1), (1, 1), SHARP),
     ),
-    "flared": (((0.7, 0.9), (0, 0), (0.03, 0.2)), ((0.7, 0.85), (0.55, 0.85), SMOOTH), ((1, 1), (1, 1), SHARP)),
+    "flared": (
+        ((0.7, 0.9), (0, 0), (0.03, 0.2)), ((0.7, 0.85), (0.55, 0.85), SMOOTH), ((1, 1), (1, 1), SHARP),
+    ),
     "footed": (
         ((0.5, 0.75), (0, 0), SHARP), ((0.45, 0.7), (0.05, 0.1), SHARP),
         ((0.9, 1), (0.12, 0.3), SMOOTH), ((0.9, 1), (1, 1), SHARP),
@@ -59,7 +63,8 @@ HELD_OUT_BODIES = ("stepped", "octagonal")
 class _Body:
     """Outside of a mug, z = 0 at the table, and its wall; metres.
 
-    profile: (n, 2) radius and height from the foot to the rim.    rim_m: height over which the rim is rounded off.
+    profile: (n, 2) radius and height from the foot to the rim.    rim_m: height of the rim's rounding.
+    sides: flat sides, 0 for a round body.
     """
 
     profile: Array
@@ -79,27 +84,26 @@ class _Body:
 def sample_mug(rng: np.random.Generator, held_out: bool = False) -> tuple[str, trimesh.Trimesh]:
     """A random mug and the name of its family; z = 0 at its foot, handle on +x.
 
-    Held-out families (HELD_OUT_BODIES, HELD_OUT_HANDLES) come only where asked for, and then in the body, in the
-    handle, or in both.
+    Held-out families (HELD_OUT_BODIES, HELD_OUT_HANDLES) come only where asked for, and then in the body, in
+    the handle, or in both.
     """
     new_body, new_handle = rng.permutation([True, rng.random() < 0.4]) if held_out else (False, False)
-    body_name = _choose(list(BODIES), HELD_OUT_BODIES, bool(new_body), rng)
-    handle_name = _choose(list(HANDLES), HELD_OUT_HANDLES, bool(new_handle), rng)
+    body_name = _choose(tuple(BODIES), HELD_OUT_BODIES, bool(new_body), rng)
+    handle_name = _choose(HANDLES, HELD_OUT_HANDLES, bool(new_handle), rng)
     body = _sample_body(body_name, rng)
     solid = lathe(body.profile, sides=body.sides) + sample_handle(handle_name, body.radius, body.height, rng)
     return f"{body_name}_{handle_name}", to_trimesh(solid - _sample_cavity(body, rng))
 
 
-def _choose(
-    names: list[str], held_out: tuple[str, ...], want_held_out: bool, rng: np.random.Generator
-) -> str:
-    candidates = [name for name in names if (name in held_out) == want_held_out]
+def _choose(names: tuple[str, ...], held_out: tuple[str, ...], wanted: bool, rng: np.random.Generator) -> str:
+    """One of the held-out names where wanted, else one of the others."""
+    candidates = [name for name in names if (name in held_out) == wanted]
     return candidates[rng.integers(len(candidates))]
 
 
 def _sample_body(name: str, rng: np.random.Generator) -> _Body:
     radius = float(np.exp(rng.uniform(np.log(0.025), np.log(0.065))))
-    height = float(np.clip(2 * radius * rng.uniform(0.6, 1.6), 0.045, 0.14))
+    height = float(np.exp(rng.uniform(np.log(max(0.045, 1.2 * radius)), np.log(min(0.14, 3.2 * radius)))))
     wall = float(rng.uniform(0.002, min(0.007, 0.16 * radius)))
     corners, rounding = sample_controls(BODIES[name], rng)
     corners[:, 1] = np.maximum.accumulate(corners[:, 1])
@@ -114,10 +118,10 @@ def _sample_cavity(body: _Body, rng: np.random.Generator) -> manifold3d.Manifold
     """What is taken out of the solid body: the inside, open at the top, and the hollow under the foot."""
     recess = body.wall_m * rng.uniform(0.05, 0.6)
     floor = recess + body.wall_m * rng.uniform(0.8, 1.6)
-    corner = min(rng.uniform(0.1, 0.8) * _inner_radius(body, floor), 0.3 * body.height)
+    corner = min(rng.uniform(0.1, 0.8) * float(_inner_radius(body, floor)), 0.3 * body.height)
     ease = 1 - np.cos(np.linspace(0, np.pi / 2, 8))
     z = np.concatenate([floor + corner * ease, np.linspace(floor + corner, body.height, 20)[1:]])
-    missing = np.maximum(corner - (z - floor), 0)
+    missing = np.clip(corner - (z - floor), 0, corner)
     inner = _inner_radius(body, z) - (corner - np.sqrt(corner**2 - missing**2))
     profile = np.vstack([np.stack([inner, z], axis=1), [inner[-1], body.height + 0.01]])
     foot_radius = 0.9 * body.profile[0, 0] - body.wall_m

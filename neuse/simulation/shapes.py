@@ -24,12 +24,12 @@ _AMBIGUOUS = {"mug": False, "bottle": True}
 class Shape:
     """An object in its own frame, metres.
 
-    The z axis is the axis of the body and points to the opening, the origin lies on it at mid height; the handle of
-    a mug points to +x.
+    The z axis is the axis of the body and points to the opening, the origin lies on it at mid height; the
+    handle of a mug points to +x.
 
     ambiguous: a turn about z does not change the shape (as for bottles).    mesh: closed, normals outwards.
-    extents: (3,) x reach of the handle from the axis (without a handle: largest radius), y largest radius of the
-        body, z half height.    texture: colours of the surface.
+    extents: (3,) x reach of the handle from the axis (without a handle: largest radius), y largest radius of
+        the body, z half height.    texture: colours of the surface.
     """
 
     name: str
@@ -53,9 +53,9 @@ def categories() -> tuple[str, ...]:
 def sample_shape(category: str, rng: np.random.Generator, split: str = "train") -> Shape:
     """A random shape.
 
-    Every split has the common families; a quarter of the shapes for "validation" and "test" come from families that
-    "train" never shows: bodies `stepped` and `octagonal` and handles `hook` and `triangle` for mugs, `gourd`,
-    `conical` and `amphora` for bottles.
+    Every split has the common families; a quarter of the shapes for "validation" and "test" come from those
+    that "train" never shows: bodies `stepped` and `octagonal` and handles `hook` and `triangle` for mugs,
+    `gourd`, `conical` and `amphora` for bottles.
 
     Raises:
         InputError: an unknown category or split.

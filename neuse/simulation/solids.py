@@ -1,4 +1,4 @@
-"""Closed solids from curves: rounded polylines, surfaces of revolution, sweeps, and their unions and differences."""
+"""Closed solids from curves: rounded polylines, surfaces of revolution and sweeps."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ from neuse.geometry import Array
 Range = tuple[float, float]
 Control = tuple[Range, Range, Range]  # ranges of the two coordinates and of the rounding of a corner
 
-SLIVER_M = 1e-6
+SAME_POINT_M = 1e-6
 
 
 def sample_controls(controls: Sequence[Control], rng: np.random.Generator) -> tuple[Array, Array]:
@@ -26,8 +26,8 @@ def rounded_polyline(corners: ArrayLike, rounding: ArrayLike, steps: int = 9) ->
     """A polyline whose corners are replaced by parabolic arcs.
 
     Args:
-        corners: (n, 2).    rounding: (n,) how far from a corner its arc starts, at most half of each adjacent side
-            (so that infinity everywhere gives a quadratic B-spline); 0 keeps the corner. The ends stay.
+        corners: (n, 2).    rounding: (n,) how far from a corner its arc starts, at most half of each adjacent
+            side (so that infinity everywhere gives a quadratic B-spline); 0 keeps the corner. The ends stay.
     Returns:
         (m, 2) points without repetition.
     """
@@ -44,7 +44,7 @@ def rounded_polyline(corners: ArrayLike, rounding: ArrayLike, steps: int = 9) ->
     t = np.linspace(0, 1, steps)[:, None, None]
     arcs = (1 - t) ** 2 * start + 2 * t * (1 - t) * corner + t**2 * end  # (steps, n - 2, 2)
     points = np.concatenate([corners[:1], arcs.transpose(1, 0, 2).reshape(-1, 2), corners[-1:]])
-    distinct = np.linalg.norm(np.diff(points, axis=0), axis=1) > SLIVER_M
+    distinct = np.linalg.norm(np.diff(points, axis=0), axis=1) > SAME_POINT_M
     return points[np.concatenate([[True], distinct])]
 
 
@@ -95,8 +95,8 @@ def sweep(
 
 
 def to_trimesh(solid: manifold3d.Manifold) -> trimesh.Trimesh:
-    """Closed mesh of a solid, without slivers."""
-    mesh = solid.simplify(SLIVER_M).to_mesh()
+    """Closed mesh of a solid."""
+    mesh = solid.to_mesh()
     vertices = np.asarray(mesh.vert_properties, dtype=np.float64)[:, :3]
     return trimesh.Trimesh(vertices, np.asarray(mesh.tri_verts), process=False)
 

@@ -14,7 +14,7 @@ KINDS = ("plain", "stripes", "label", "dots", "checker")
 class Texture:
     """Two colours and how they share the surface.
 
-    kind: one of KINDS.    color_a, color_b: RGB of the ground and of the pattern.    scale_m: period of the pattern.
+    kind: one of KINDS.    color_a, color_b: RGB of the ground and of the pattern.    scale_m: its period.
     band_m: lowest and highest z of the pattern.    twist: how far stripes and squares lean, periods a turn.
     """
 
@@ -30,7 +30,7 @@ def texture_color(texture: Texture, points_object: ArrayLike) -> np.ndarray:
     """Colours (n, 3) uint8 at surface points (n, 3), metres, object frame."""
     points = np.asarray(points_object, dtype=np.float64)
     patterned = _in_pattern(texture, points)
-    return np.where(patterned[:, None], np.uint8(texture.color_b), np.uint8(texture.color_a))
+    return np.array([texture.color_a, texture.color_b], dtype=np.uint8)[patterned.astype(int)]
 
 
 def sample_texture(rng: np.random.Generator, height_m: float) -> Texture:
