@@ -15,6 +15,7 @@ from neuse.records import Intrinsics
 
 Window = tuple[int, int, int, int]
 NOTHING = -1
+IDENTITY = np.eye(3)
 
 
 class Solid(NamedTuple):
@@ -84,10 +85,8 @@ class DepthCamera:
         if min(intrinsics.width, intrinsics.height, intrinsics.fx, intrinsics.fy) <= 0:
             raise ParamError(f"image size and focal lengths must be positive, got {intrinsics}")
         self.intrinsics = intrinsics
-        u = (np.arange(intrinsics.width) - intrinsics.cx) / intrinsics.fx
-        v = (np.arange(intrinsics.height) - intrinsics.cy) / intrinsics.fy
-        x, y = np.meshgrid(u, v)
-        self._rays = np.stack([x, y, np.ones_like(x)], axis=-1).astype(np.float32)  # (h, w, 3)
+        self._x = (np.arange(intrinsics.width) - intrinsics.cx) / intrinsics.fx
+        self._y = (np.arange(intrinsics.height) - intrinsics.cy) / intrinsics.fy
 
     def render(self, scene: RayScene, T_world_camera: Array, window: Window | None = None) -> Rendering:
         """The scene from one pose.
@@ -98,26 +97,40 @@ class DepthCamera:
         Raises:
             ParamError: the window is empty or leaves the image.
         """
-        rays = self.rays(window)
-        shape = rays.shape[:2]
-        directions = rays.reshape(-1, 3) @ T_world_camera[:3, :3].T.astype(np.float32)
-        hits = scene.cast(T_world_camera[:3, 3], directions)
+        directions = self.rays(window, T_world_camera[:3, :3])
+        shape = directions.shape[:2]
+        hits = scene.cast(T_world_camera[:3, 3], directions.reshape(-1, 3))
         solid = hits["geomID"].reshape(shape)
         depth_m = hits["tfar"].reshape(shape)  # rays have z = 1 in the camera frame: ray length is z-depth
         depth_m[solid == NOTHING] = 0.0
         label = scene.labels_of(solid)
         return Rendering(depth_m, label, solid, hits["primID"].reshape(shape), hits["Ng"].reshape(*shape, 3))
 
-    def rays(self, window: Window | None = None) -> np.ndarray:
-        """(h, w, 3) float32 viewing rays, z = 1, optical frame; a pixel's point is ray * depth."""
-        if window is None:
-            return self._rays
-        u0, v0, u1, v1 = window
-        if not (0 <= u0 < u1 <= self.intrinsics.width and 0 <= v0 < v1 <= self.intrinsics.height):
-            raise ParamError(
-                f"window {window} is no box inside {self.intrinsics.width} x {self.intrinsics.height}"
-            )
-        return self._rays[v0:v1, u0:u1]
+    def rays(self, window: Window | None = None, R_target_camera: Array = IDENTITY) -> np.ndarray:
+        """(h, w, 3) float32 viewing rays of unit z-depth, optical frame or turned; a point is ray * depth_m.
+
+        Raises:
+            ParamError: the window is empty or leaves the image.
+        """
+        width, height = self.intrinsics.width, self.intrinsics.height
+        u0, v0, u1, v1 = window or (0, 0, width, height)
+        if not (0 <= u0 < u1 <= width and 0 <= v0 < v1 <= height):
+            raise ParamError(f"window {window} is no box inside {width} x {height}")
+        by_column, by_row = self._ray_parts(R_target_camera)
+        return by_column[None, u0:u1] + by_row[v0:v1, None]
+
+    def back_project(self, pixels: np.ndarray, depth_m: np.ndarray, T_target_camera: Array) -> np.ndarray:
+        """(n, 3) float32 points, target frame, of pixels (n,), flat indices into the image, at depths (n,)."""
+        by_column, by_row = self._ray_parts(T_target_camera[:3, :3])
+        v, u = np.divmod(pixels, self.intrinsics.width)
+        rays = by_column.take(u, axis=0) + by_row.take(v, axis=0)
+        return rays * depth_m[:, None] + T_target_camera[:3, 3].astype(np.float32)
+
+    def _ray_parts(self, R_target_camera: Array) -> tuple[np.ndarray, np.ndarray]:
+        """(width, 3) and (height, 3) float32 whose sum is R @ (x, y, 1): spares a product per pixel."""
+        by_column = self._x[:, None] * R_target_camera[:, 0]
+        by_row = self._y[:, None] * R_target_camera[:, 1] + R_target_camera[:, 2]
+        return by_column.astype(np.float32), by_row.astype(np.float32)
 
     def window_around(self, points_camera: Array, margin_px: int = 0) -> Window | None:
         """Smallest window that holds the projections of (n, 3) camera-frame points; None if out of sight.
@@ -140,11 +153,15 @@ def _embree_mesh(scene: EmbreeScene, solid: Solid) -> TriangleMesh:
 
 
 def look_at(eye: Array, target: Array) -> Array:
-    """T_world_camera of a level camera at `eye` whose optical axis passes through `target`; world z is up."""
-    z = (target - eye) / np.linalg.norm(target - eye)
-    x = np.cross(z, [0.0, 0.0, 1.0])
-    x /= np.linalg.norm(x)
-    T_world_camera = np.eye(4)
-    T_world_camera[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
-    T_world_camera[:3, 3] = eye
+    """T_world_camera (..., 4, 4) of level cameras at `eye` (..., 3) that look at `target`; world z is up."""
+    z = _unit(target - eye)
+    x = _unit(np.cross(z, [0.0, 0.0, 1.0]))
+    T_world_camera = np.zeros((*eye.shape[:-1], 4, 4))
+    T_world_camera[..., :3, :3] = np.stack([x, np.cross(z, x), z], axis=-1)
+    T_world_camera[..., :3, 3] = eye
+    T_world_camera[..., 3, 3] = 1.0
     return T_world_camera
+
+
+def _unit(v: Array) -> Array:
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
