@@ -120,7 +120,7 @@ class DepthCamera:
         return by_column[None, u0:u1] + by_row[v0:v1, None]
 
     def back_project(self, pixels: np.ndarray, depth_m: np.ndarray, T_target_camera: Array) -> np.ndarray:
-        """(n, 3) float32 points, target frame, of pixels (n,), flat indices into the image, at depths (n,)."""
+        """(n, 3) float32 points, target frame, of pixels (n,), flat image indices, at depths (n,)."""
         by_column, by_row = self._ray_parts(T_target_camera[:3, :3])
         v, u = np.divmod(pixels, self.intrinsics.width)
         rays = by_column.take(u, axis=0) + by_row.take(v, axis=0)
