@@ -1,10 +1,16 @@
-"""What the commands have in common: exit codes, one clear line for bad input, a whole file on Ctrl-C and SIGTERM."""
+"""What the commands have in common: exit codes, one line for bad input, a clean end on signals."""
 
 import argparse
 import signal
 import sys
-from collections.abc import Callable
-from typing import Any
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+import rclpy
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from neuse.errors import NeuseError
 
@@ -12,10 +18,12 @@ BAD_INPUT = 2
 INTERRUPTED = 130
 
 
-def parser(command: str, description: str, **options: Any) -> argparse.ArgumentParser:
-    """An argument parser that shows defaults and keeps the description's line breaks."""
+def command_parser(command: str, description: str | None) -> argparse.ArgumentParser:
+    """An argument parser that keeps the line breaks of its description."""
     return argparse.ArgumentParser(
-        prog=command, description=description, formatter_class=argparse.RawDescriptionHelpFormatter, **options
+        prog=f"neuse_bags {command}",
+        description=description,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
 
 
@@ -24,12 +32,8 @@ def run_command(
     action: Callable[[argparse.Namespace], None],
     argv: list[str] | None = None,
 ) -> int:
-    """Parse, act, and turn expected errors into an exit code; SIGTERM ends a command like Ctrl-C.
-
-    Arguments that `ros2 launch` appends (--ros-args ...) are left to rclpy.
-    """
+    """Parse, act, and turn expected errors into an exit code; what follows --ros-args is left to rclpy."""
     args = parser.parse_args(_own_arguments(sys.argv[1:] if argv is None else argv))
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         action(args)
     except NeuseError as error:
@@ -38,6 +42,36 @@ def run_command(
     except KeyboardInterrupt:
         return INTERRUPTED
     return 0
+
+
+@contextmanager
+def stop_on_signal() -> Iterator[threading.Event]:
+    """An event that the first Ctrl-C or SIGTERM sets, so that no write is cut; the second interrupts."""
+    stop = threading.Event()
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+        stop.set()
+
+    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def ros_node(name: str) -> Iterator[Node]:
+    """A node of this process; signals stay with Python, remappings come from the command line."""
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node(name)
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()
 
 
 def _own_arguments(argv: list[str]) -> list[str]:

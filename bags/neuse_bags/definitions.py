@@ -10,7 +10,8 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 from neuse.errors import BagError
 
 _PRIMITIVES = frozenset(
-    "bool byte char float32 float64 int8 uint8 int16 uint16 int32 uint32 int64 uint64 string wstring".split()
+    ["bool", "byte", "char", "string", "wstring", "float32", "float64"]
+    + [f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)]
 )
 _SEPARATOR = "=" * 80
 
@@ -26,7 +27,7 @@ def message_class(type_name: str) -> Any:
     try:
         return getattr(import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError) as error:
-        raise BagError(f"message type {type_name} is not installed here; build or source its package") from error
+        raise BagError(f"{type_name} is not installed here; build or source its package") from error
 
 
 @cache
@@ -38,7 +39,9 @@ def message_definition(type_name: str) -> str:
     """
     order = _with_dependencies(type_name)
     first, *others = [_message_text(name) for name in order]
-    parts = [f"{_SEPARATOR}\nMSG: {_short(name)}\n{text}" for name, text in zip(order[1:], others, strict=True)]
+    parts = [
+        f"{_SEPARATOR}\nMSG: {_short(name)}\n{text}" for name, text in zip(order[1:], others, strict=True)
+    ]
     return "\n".join([first, *parts])
 
 
@@ -86,4 +89,4 @@ def _message_text(type_name: str) -> str:
     try:
         return Path(get_package_share_directory(package), "msg", f"{name}.msg").read_text()
     except (PackageNotFoundError, OSError, ValueError) as error:
-        raise BagError(f"definition of {type_name} is not installed here; build or source its package") from error
+        raise BagError(f"{type_name}'s .msg is not installed; build or source its package") from error

@@ -1,4 +1,4 @@
-"""Bags on disk, both ways: MCAP with profile ros2, zstd chunks, embedded definitions and recorded quality of service."""
+"""Bags on disk, both ways: MCAP of profile ros2, zstd, with definitions and QoS inside."""
 
 from collections import Counter
 from collections.abc import Collection, Iterator
@@ -134,7 +134,7 @@ class BagReader:
             raise BagError(f"{self.path} lacks {', '.join(missing)}; it has {has}")
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
-        """Messages in the order of their log stamps, of all topics or of some; topics not in the bag are ignored."""
+        """Messages in the order of their log stamps, of all topics or of those given."""
         wanted = [c for c in self._reader.connections if topics is None or c.topic in topics]
         with _reading(self.path):
             for connection, stamp_ns, data in self._reader.messages(wanted) if wanted else ():
@@ -159,6 +159,6 @@ def _bag_topic(connection: Connection) -> BagTopic:
     ext = connection.ext
     assert isinstance(ext, ConnectionExtRosbag2)
     if ext.serialization_format != "cdr":
-        raise BagError(f"topic {connection.topic} is encoded as {ext.serialization_format}; only cdr is ROS 2")
+        raise BagError(f"topic {connection.topic} is encoded as {ext.serialization_format}, not as cdr")
     qos = tuple(qos_from_rosbags(profile) for profile in ext.offered_qos_profiles)
     return BagTopic(connection.topic, connection.msgtype, qos, connection.msgcount)

