@@ -1,0 +1,148 @@
+"""Codes reduced to what registration needs: the pose of each object's frame and how well it is known.
+
+The landmark channels are z_j = c + E a_j with an orthonormal template, so a least-squares alignment of all channels
+(NeuSE eq. 5) sees them only through the centre c and the axes E; the rest of z is noise. Of E the directions are kept:
+the lengths shrink when the encoder is unsure, which the predicted sigmas say better.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from neuse.embedding.code import Code, landmark_template
+from neuse.errors import InputError
+from neuse.geometry import Array
+from neuse.params import CheckedParams, param
+
+
+@dataclass(frozen=True)
+class SigmaParams(CheckedParams):
+    """How far the standard deviations that the encoder predicts are trusted."""
+
+    scale: float = param(2.0, "factor on predicted sigmas; neighbouring views share one error", 0.01, 100.0)
+    rotation_floor_rad: float = param(0.01, "no rotation is believed better than this, rad", 0.0, 1.0)
+    translation_floor_m: float = param(0.002, "no centre is believed better than this, metres", 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class ObjectFrames:
+    """Poses of n object frames seen from one frame.
+
+    vectors: (3, n, 3) centres (metres), unit axes to the top, and unit vectors to the handle, which are orthogonal to
+        the axis and arbitrary where ambiguous.
+    noise: (3, n, 3, 6) square root of the covariance of `vectors`: a column for each of the object's sigmas.
+    sigmas: (n, 6) rotation first (rad, m), on the object's axes.    ambiguous: (n,) bool.
+    """
+
+    vectors: Array
+    noise: Array
+    sigmas: Array
+    ambiguous: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.sigmas)
+
+    def __getitem__(self, index: np.ndarray | Sequence[int]) -> "ObjectFrames":
+        """The frames at `index`, an index array or a mask."""
+        index = np.asarray(index, dtype=bool if np.asarray(index).dtype == bool else np.intp)
+        return ObjectFrames(
+            self.vectors[:, index], self.noise[:, index], self.sigmas[index], self.ambiguous[index]
+        )
+
+    @property
+    def centers(self) -> Array:
+        """(n, 3) metres."""
+        return self.vectors[0]
+
+    @property
+    def axes(self) -> Array:
+        """(n, 3) unit vectors to the top."""
+        return self.vectors[1]
+
+    @property
+    def variances(self) -> Array:
+        """(3, n) mean variance along one axis of centres (m^2), and of axes and handles (rad^2, inf if ambiguous)."""
+        square = self.sigmas**2
+        handles = np.where(self.ambiguous, np.inf, square[:, 2])
+        return np.stack([square[:, 3:].mean(axis=1), square[:, :2].mean(axis=1), handles])
+
+
+def reduce_codes(codes: Sequence[Code], params: SigmaParams | None = None) -> ObjectFrames:
+    """The object frames of codes that lie in one frame.
+
+    Raises:
+        InputError: a code has non-finite numbers, or sigmas that are not positive.
+    """
+    params = params or SigmaParams()
+    for code in codes:
+        _check(code)
+    ambiguous = np.array([code.ambiguous for code in codes], dtype=bool)
+    centers, scaled_axes = _centers_and_axes(codes)
+    axes = _normalized(scaled_axes[:, :, 2])
+    vectors = np.stack([centers, axes, _handles(scaled_axes[:, :, 0], axes, ambiguous)])
+    floor = np.repeat([params.rotation_floor_rad, params.translation_floor_m], 3)
+    predicted = np.array([code.sigmas for code in codes], dtype=np.float64).reshape(-1, 6)
+    sigmas = np.hypot(params.scale * predicted, floor)
+    return ObjectFrames(vectors, _noise(vectors, sigmas), sigmas, ambiguous)
+
+
+def is_usable(code: Code) -> bool:
+    """Whether every number of the code is finite and its sigmas are positive."""
+    numbers_finite = np.isfinite(code.z).all() and np.isfinite(code.descriptor).all()
+    return bool(numbers_finite and np.isfinite(code.sigmas).all() and (code.sigmas > 0).all())
+
+
+def skews(vectors: Array) -> Array:
+    """(..., 3, 3) cross-product matrices of (..., 3) vectors."""
+    K = np.zeros((*vectors.shape, 3))
+    K[..., 2, 1] = vectors[..., 0]
+    K[..., 0, 2] = vectors[..., 1]
+    K[..., 1, 0] = vectors[..., 2]
+    return K - K.swapaxes(-1, -2)
+
+
+def _check(code: Code) -> None:
+    if not is_usable(code):
+        raise InputError(
+            "code_not_finite",
+            f"code of a {code.category} has NaN, infinite or non-positive numbers; drop this observation",
+        )
+
+
+def _centers_and_axes(codes: Sequence[Code]) -> tuple[Array, Array]:
+    """(n, 3) centres and (n, 3, 3) scaled axes; all codes of one size at once."""
+    centers, axes = np.zeros((len(codes), 3)), np.zeros((len(codes), 3, 3))
+    sizes = np.array([len(code.z) for code in codes])
+    for k in np.unique(sizes):
+        index, template = np.flatnonzero(sizes == k), landmark_template(int(k))
+        landmarks = np.stack([codes[i].landmarks for i in index])  # (n_k, k // 2, 3)
+        centers[index] = landmarks.mean(axis=1)
+        axes[index] = (landmarks - centers[index, None]).transpose(0, 2, 1) @ template * (3.0 / len(template))
+    return centers, axes
+
+
+def _handles(raw: Array, axes: Array, ambiguous: np.ndarray) -> Array:
+    """(n, 3) unit vectors orthogonal to the axes, in the half plane of `raw` unless ambiguous."""
+    arbitrary = np.eye(3)[np.abs(axes).argmin(axis=1)]
+    flat = _orthogonal(np.where(ambiguous[:, None], arbitrary, raw), axes)
+    lost = np.linalg.norm(flat, axis=1, keepdims=True) < 1e-9
+    return _normalized(np.where(lost, _orthogonal(arbitrary, axes), flat))
+
+
+def _orthogonal(vectors: Array, axes: Array) -> Array:
+    return vectors - axes * (axes * vectors).sum(axis=1, keepdims=True)
+
+
+def _normalized(vectors: Array) -> Array:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+
+
+def _noise(vectors: Array, sigmas: Array) -> Array:
+    """Rotations turn axes and handles, translations move centres, both on the object's axes."""
+    _, axes, handles = vectors
+    R = np.stack([handles, np.cross(axes, handles), axes], axis=-1)  # (n, 3, 3), p_frame = R @ p_object
+    noise = np.zeros((*vectors.shape, 6))
+    noise[0, :, :, 3:] = R
+    noise[1:, :, :, :3] = -skews(vectors[1:]) @ R
+    return noise * sigmas[:, None, :]

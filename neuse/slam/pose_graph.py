@@ -1,0 +1,165 @@
+"""The optimisers: a fixed-lag smoother for the window and iSAM2 for everything (NeuSE IV-C).
+
+The only module that knows gtsam. Vertices are keyframe poses T_map_camera and, where objects are landmarks, points on
+the objects. Covariances are rotation first in the body frame, as everywhere in the library.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from neuse.geometry import Array
+from neuse.params import CheckedParams, param
+from neuse.records import Edge
+
+ORIGIN_SIGMA = 1e-4  # the first camera pose is the map's origin
+
+
+@dataclass(frozen=True)
+class SolverParams(CheckedParams):
+    """How the graph is solved."""
+
+    cauchy_sigmas: float = param(1.0, "scale of the Cauchy kernel on sightings, sigmas", 0.1, 100.0)
+    huber_sigmas: float = param(1.345, "threshold of the Huber kernel on edges, sigmas", 0.1, 100.0)
+    relinearize_m_rad: float = param(0.005, "iSAM2 relinearises what moves more than this, m or rad", 1e-6, 1.0)
+    closure_iterations: int = param(3, "iSAM2 iterations after a loop closure", 1, 50)
+    window_iterations: int = param(20, "most Levenberg-Marquardt iterations in the window", 1, 100)
+
+
+class PoseGraph:
+    """All keyframes and landmarks, solved incrementally by iSAM2."""
+
+    def __init__(self, params: SolverParams | None = None) -> None:
+        self.params = params or SolverParams()
+        self._isam = gtsam.ISAM2(_isam_params(self.params))
+        self._new_factors = gtsam.NonlinearFactorGraph()
+        self._new_values = gtsam.Values()
+        self._points: set[int] = set()
+        self._estimate = gtsam.Values()
+
+    def add_origin(self, keyframe_id: int, T_map_camera: Array) -> None:
+        """Fix the pose that defines the map frame."""
+        noise = gtsam.noiseModel.Isotropic.Sigma(6, ORIGIN_SIGMA)
+        self._new_factors.add(
+            gtsam.PriorFactorPose3(_pose_key(keyframe_id), gtsam.Pose3(T_map_camera), noise)
+        )
+
+    def add_pose(self, keyframe_id: int, T_map_camera: Array) -> None:
+        """A new keyframe with its start value."""
+        self._new_values.insert(_pose_key(keyframe_id), gtsam.Pose3(T_map_camera))
+
+    def add_edge(self, edge: Edge, robust: bool = True) -> None:
+        """A relative pose between two keyframes."""
+        self._new_factors.add(edge_factor(edge, self.params.huber_sigmas if robust else None))
+
+    def add_sighting(
+        self, keyframe_id: int, point_id: int, p_camera: Array, covariance: Array, p_map: Array
+    ) -> None:
+        """A landmark point seen at p_camera (metres) with covariance (3, 3); p_map starts a point not met before."""
+        if point_id not in self._points:
+            self._points.add(point_id)
+            self._new_values.insert(_point_key(point_id), np.asarray(p_map, dtype=np.float64))
+        self._new_factors.add(
+            sighting_factor(
+                _pose_key(keyframe_id), _point_key(point_id), p_camera, covariance, self.params.cauchy_sigmas
+            )
+        )
+
+    def solve(self, iterations: int = 1) -> None:
+        """Take in what was added and update every estimate."""
+        self._isam.update(self._new_factors, self._new_values)
+        for _ in range(iterations - 1):
+            self._isam.update()
+        self._new_factors, self._new_values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        self._estimate = self._isam.calculateEstimate()
+
+    def poses(self) -> Array:
+        """(n, 4, 4) T_map_camera in the order of the keyframe ids."""
+        rows = gtsam.utilities.extractPose3(self._estimate)  # (n, 12): rotation by rows, then translation
+        T = np.tile(np.eye(4), (len(rows), 1, 1))
+        T[:, :3, :3], T[:, :3, 3] = rows[:, :9].reshape(-1, 3, 3), rows[:, 9:]
+        return T
+
+    def points(self) -> dict[int, Array]:
+        """{point id: (3,) position in the map}."""
+        return dict(zip(sorted(self._points), gtsam.utilities.extractPoint3(self._estimate), strict=True))
+
+    def covariance(self, keyframe_id: int) -> Array:
+        """(6, 6) marginal covariance of a keyframe's pose."""
+        return self._isam.marginalCovariance(_pose_key(keyframe_id))
+
+
+class SlidingWindow:
+    """The last K keyframes under their mutual edges: Levenberg-Marquardt with marginalisation (NeuSE IV-C).
+
+    It lives in its own frame, `window`, that starts as the map and is never corrected by loop closures; only relative
+    poses of keyframes inside the window mean anything.
+    """
+
+    def __init__(self, size: int, params: SolverParams | None = None) -> None:
+        self.params = params or SolverParams()
+        solver = gtsam.LevenbergMarquardtParams()
+        solver.setMaxIterations(self.params.window_iterations)
+        self._smoother = gtsam.BatchFixedLagSmoother(float(size - 1), solver)
+        self._poses: dict[int, Array] = {}
+
+    def add(self, keyframe_id: int, T_window_camera: Array, edges: Sequence[Edge]) -> None:
+        """A new keyframe with its start value and its edges to keyframes of the window; ids count up by one."""
+        factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        key = _pose_key(keyframe_id)
+        values.insert(key, gtsam.Pose3(T_window_camera))
+        if not self._poses:
+            noise = gtsam.noiseModel.Isotropic.Sigma(6, ORIGIN_SIGMA)
+            factors.add(gtsam.PriorFactorPose3(key, gtsam.Pose3(T_window_camera), noise))
+        for edge in edges:
+            factors.add(edge_factor(edge, self.params.huber_sigmas))
+        self._smoother.update(factors, values, {key: float(keyframe_id)})
+        self._read()
+
+    def pose(self, keyframe_id: int) -> Array:
+        """T_window_camera of a keyframe inside the window."""
+        return self._poses[keyframe_id]
+
+    def _read(self) -> None:
+        estimate = self._smoother.calculateEstimate()
+        self._poses = {
+            int(gtsam.Symbol(key).index()): estimate.atPose3(key).matrix() for key in estimate.keys()
+        }
+
+
+def edge_factor(edge: Edge, huber_sigmas: float | None) -> gtsam.BetweenFactorPose3:
+    """p_from = T_from_to @ p_to as a factor on both poses."""
+    noise = gtsam.noiseModel.Gaussian.Covariance(edge.covariance)
+    if huber_sigmas is not None:
+        noise = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(huber_sigmas), noise)
+    return gtsam.BetweenFactorPose3(
+        _pose_key(edge.from_id), _pose_key(edge.to_id), gtsam.Pose3(edge.T_from_to), noise
+    )
+
+
+def sighting_factor(
+    pose_key: int, point_key: int, p_camera: Array, covariance: Array, cauchy_sigmas: float
+) -> gtsam.BearingRangeFactor3D:
+    """A point seen at p_camera, as bearing and range with the covariance (3, 3) carried over to first order."""
+    bearing, range_m = gtsam.Unit3(p_camera), float(np.linalg.norm(p_camera))
+    J = np.vstack([bearing.basis().T / range_m, bearing.point3()])  # d (bearing, range) / d p_camera
+    noise = gtsam.noiseModel.Gaussian.Covariance(J @ covariance @ J.T)
+    robust = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(cauchy_sigmas), noise)
+    return gtsam.BearingRangeFactor3D(pose_key, point_key, bearing, range_m, robust)
+
+
+def _isam_params(params: SolverParams) -> gtsam.ISAM2Params:
+    isam_params = gtsam.ISAM2Params()
+    isam_params.setRelinearizeThreshold(params.relinearize_m_rad)
+    isam_params.relinearizeSkip = 1
+    return isam_params
+
+
+def _pose_key(keyframe_id: int) -> int:
+    return gtsam.symbol("x", keyframe_id)
+
+
+def _point_key(point_id: int) -> int:
+    return gtsam.symbol("p", point_id)
