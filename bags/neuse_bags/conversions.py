@@ -12,8 +12,9 @@ from std_msgs.msg import Header
 
 from neuse.evaluation.truth import TrueObject
 from neuse.geometry import Array, quaternion_xyzw, transform_from_quaternion
-from neuse.records import Instance, Intrinsics
-from neuse_msgs.msg import Code, InstanceArray, MapObject, ObjectMap
+from neuse.records import ChangeKind, Instance, Intrinsics
+from neuse.records import ObjectChange as ObjectChangeRecord
+from neuse_msgs.msg import Code, InstanceArray, MapObject, ObjectChange, ObjectMap
 from neuse_msgs.msg import Instance as InstanceMsg
 
 CAMERA_FRAME = "camera_optical_frame"
@@ -112,6 +113,32 @@ def true_map_to_msg(stamp_ns: int, objects: Iterable[TrueObject]) -> ObjectMap:
 def true_objects_from_msg(message: ObjectMap) -> tuple[TrueObject, ...]:
     """The objects of a ground-truth map."""
     return tuple(_true_object_from_msg(item) for item in message.objects)
+
+
+def true_change_to_msg(change: ObjectChangeRecord) -> ObjectChange:
+    """A true change; its places are in the world."""
+    return ObjectChange(
+        header=header_to_msg(change.stamp_ns, WORLD_FRAME),
+        kind=int(change.kind),
+        object_id=change.object_id,
+        category=change.category,
+        before=[] if change.T_map_before is None else [pose_to_msg(change.T_map_before)],
+        after=[] if change.T_map_after is None else [pose_to_msg(change.T_map_after)],
+        merged_id=change.merged_id,
+    )
+
+
+def true_change_from_msg(message: ObjectChange) -> ObjectChangeRecord:
+    """A true change; its places are in the world."""
+    return ObjectChangeRecord(
+        stamp_ns=stamp_from_msg(message.header.stamp),
+        kind=ChangeKind(message.kind),
+        object_id=message.object_id,
+        category=message.category,
+        T_map_before=pose_from_msg(message.before[0]) if message.before else None,
+        T_map_after=pose_from_msg(message.after[0]) if message.after else None,
+        merged_id=message.merged_id,
+    )
 
 
 def _true_object_to_msg(item: TrueObject) -> MapObject:

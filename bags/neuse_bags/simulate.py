@@ -1,0 +1,119 @@
+"""Simulate a world and write it as a bag: camera, segmentation, odometry and ground truth.
+
+The same PRESET and --seed give the same bag. Ground truth lies under ground_truth/ and only evaluate reads it.
+Ctrl-C leaves a whole bag of the frames so far, and exit code 130.
+"""
+
+import argparse
+from collections import Counter
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from std_msgs.msg import UInt32
+from tqdm import tqdm
+
+from neuse.evaluation.truth import TrueObject
+from neuse.records import ObjectChange
+from neuse.simulation.worlds import PRESETS, SimulatedFrame, make_world, simulate
+from neuse.simulation.worlds import TrueObject as PlacedShape
+from neuse_bags import topics
+from neuse_bags.cli import command_parser, run_command, stop_on_signal
+from neuse_bags.conversions import WORLD_FRAME, odometry_to_msg, true_change_to_msg, true_map_to_msg
+from neuse_bags.frames import write_frame
+from neuse_bags.mcap_file import BagWriter
+
+CLEARLY_SEEN_PX = 600
+
+
+class TruthWriter:
+    """Writes ground truth beside the frames, and counts how often each object is clearly seen at its place."""
+
+    def __init__(self, writer: BagWriter) -> None:
+        self._writer = writer
+        self._seen: Counter[int] = Counter()
+        self._last: SimulatedFrame | None = None
+
+    def add(self, simulated: SimulatedFrame) -> None:
+        """Truth of one frame; the map only where it begins or has changed."""
+        stamp_ns = simulated.frame.stamp_ns
+        pose = odometry_to_msg(stamp_ns, simulated.T_world_camera, WORLD_FRAME)
+        self._writer.write(topics.TRUE_ODOMETRY.name, pose, stamp_ns)
+        for change in simulated.changes:
+            self._add_change(change)
+        if self._last is None or simulated.changes:
+            self._write_map(simulated)
+        if self._last is None or simulated.traversal != self._last.traversal:
+            self._writer.write(topics.TRUE_TRAVERSAL.name, UInt32(data=simulated.traversal), stamp_ns)
+        self._seen.update(i for i, px in simulated.visible_px.items() if px >= CLEARLY_SEEN_PX)
+        self._last = simulated
+
+    def finish(self) -> None:
+        """The map once more, with the final counts."""
+        if self._last is not None:
+            self._write_map(self._last)
+
+    def _add_change(self, change: ObjectChange) -> None:
+        self._seen.pop(change.object_id, None)
+        self._writer.write(topics.TRUE_CHANGES.name, true_change_to_msg(change), change.stamp_ns)
+
+    def _write_map(self, simulated: SimulatedFrame) -> None:
+        objects = [_true_object(item, self._seen[item.object_id]) for item in simulated.objects]
+        stamp_ns = simulated.frame.stamp_ns
+        self._writer.write(topics.TRUE_MAP.name, true_map_to_msg(stamp_ns, objects), stamp_ns)
+
+
+def _true_object(item: PlacedShape, n_seen: int) -> TrueObject:
+    size = np.ptp(item.shape.mesh.bounds, axis=0)
+    return TrueObject(item.object_id, item.shape.category, item.T_world_object, size, n_seen)
+
+
+def simulate_bag(args: argparse.Namespace) -> None:
+    """The command."""
+    world = make_world(args.preset, args.seed, args.meshes)
+    n_frames = min(world.frames, args.frames or world.frames)
+    with stop_on_signal() as stop, BagWriter(args.out) as writer:
+        topics.declare(
+            writer, (*topics.FRAME_TOPICS, *topics.COLOR_TOPICS, topics.ODOMETRY, *topics.TRUTH_TOPICS)
+        )
+        truth = TruthWriter(writer)
+        for simulated in tqdm(
+            islice(simulate(world), n_frames), total=n_frames, unit="frame", desc=args.preset
+        ):
+            write_frame(writer, simulated.frame)
+            odometry = simulated.odometry
+            message = odometry_to_msg(odometry.stamp_ns, odometry.T_odom_camera, "odom")
+            writer.write(topics.ODOMETRY.name, message, odometry.stamp_ns)
+            truth.add(simulated)
+            if stop.is_set():
+                break
+        truth.finish()
+    _report(args.out, writer, stopped=stop.is_set())
+
+
+def _report(path: Path, writer: BagWriter, stopped: bool) -> None:
+    n_frames, megabytes = writer.counts[topics.DEPTH.name], path.stat().st_size / 1e6
+    print(f"{path}: {n_frames} frames, {megabytes:.0f} MB")
+    if stopped:
+        raise KeyboardInterrupt
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of the command."""
+    made = command_parser("simulate", __doc__)
+    made.add_argument("preset", metavar="PRESET", help=f"one of {', '.join(PRESETS)}")
+    made.add_argument("--seed", type=int, default=0, metavar="N", help="which world of the preset (0)")
+    made.add_argument("--out", type=Path, required=True, metavar="BAG", help=".mcap file to write")
+    made.add_argument(
+        "--meshes",
+        type=Path,
+        metavar="DIR",
+        help="DIR/<category>/*.obj|ply|stl replace the procedural shapes",
+    )
+    made.add_argument("--frames", type=int, metavar="N", help="only the first N frames (all)")
+    return made
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Entry point."""
+    return run_command(parser(), simulate_bag, argv)
