@@ -1,0 +1,1 @@
+"""Segmented RGB-D images to latent object codes."""

@@ -1,0 +1,253 @@
+"""Messages of the encoder node as records, and back: camera images, segmentation, object observations.
+
+Whatever has the fields of a message will do, so that a bag reader's own classes can be passed. Every fault of a message
+is an InputError whose `reason` is a key for counters.
+"""
+
+from array import array
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point
+from neuse_msgs.msg import Code as CodeMsg
+from neuse_msgs.msg import Instance as InstanceMsg
+from neuse_msgs.msg import InstanceArray, ObjectObservation, ObjectObservationArray
+from neuse_msgs.msg import Intrinsics as IntrinsicsMsg
+from neuse_msgs.msg import Rejection as RejectionMsg
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Header
+
+from neuse.embedding.code import Code
+from neuse.errors import InputError
+from neuse.records import Instance, Intrinsics, Observation, ObservedFrame, Rejection, RgbdFrame
+
+DEPTH_ENCODINGS = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
+MASK_ENCODINGS = {
+    "mono8": np.uint8, "8UC1": np.uint8, "mono16": np.uint16, "16UC1": np.uint16, "32SC1": np.int32
+}  # fmt: skip
+MILLIMETRE = np.float32(1e-3)
+
+
+def stamp_from_msg(stamp: Time) -> int:
+    """A message stamp as integer nanoseconds."""
+    return stamp.sec * 10**9 + stamp.nanosec
+
+
+def stamp_to_msg(stamp_ns: int) -> Time:
+    """Integer nanoseconds as a message stamp."""
+    return Time(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
+
+
+def header_to_msg(stamp_ns: int, frame_id: str) -> Header:
+    """Header of one instant and frame."""
+    return Header(stamp=stamp_to_msg(stamp_ns), frame_id=frame_id)
+
+
+def frame_from_msgs(depth: Image, mask: Image, instances: InstanceArray, info: CameraInfo) -> RgbdFrame:
+    """One segmented depth image from its four messages, whose stamps are equal.
+
+    Raises:
+        InputError: unknown encoding, short data, unequal sizes, or a camera matrix that is none.
+    """
+    depth_m, labels, intrinsics = depth_from_msg(depth), mask_from_msg(mask), intrinsics_from_msg(info)
+    if labels.shape != depth_m.shape:
+        raise InputError(
+            "size_mismatch", f"mask is {_size(labels)}, depth {_size(depth_m)}; send equal sizes"
+        )
+    if (intrinsics.height, intrinsics.width) != depth_m.shape:
+        found = f"camera_info is for {intrinsics.width} x {intrinsics.height}, depth is {_size(depth_m)}"
+        raise InputError("size_mismatch", f"{found}; send the camera_info of the depth image")
+    return RgbdFrame(
+        stamp_ns=stamp_from_msg(depth.header.stamp),
+        depth_m=depth_m,
+        mask=labels,
+        instances=instances_from_msg(instances),
+        intrinsics=intrinsics,
+    )
+
+
+def depth_from_msg(image: Image) -> np.ndarray:
+    """(h, w) float32 metres, 0 where there is no finite positive reading."""
+    pixels = pixels_from_msg(image, DEPTH_ENCODINGS, "depth image")
+    if pixels.dtype.kind == "u":
+        return pixels.astype(np.float32) * MILLIMETRE
+    return np.where(np.isfinite(pixels) & (pixels > 0), pixels, 0).astype(np.float32)
+
+
+def mask_from_msg(image: Image) -> np.ndarray:
+    """(h, w) int32 instance labels, 0 = background."""
+    return pixels_from_msg(image, MASK_ENCODINGS, "mask").astype(np.int32)
+
+
+def pixels_from_msg(image: Image, encodings: Mapping[str, type], name: str) -> np.ndarray:
+    """(h, w) view of a single-channel image's data, in the image's own type.
+
+    Raises:
+        InputError: `encoding`, not one of `encodings`; `array_length`, the data does not fit the size.
+    """
+    if image.encoding not in encodings:
+        known = ", ".join(encodings)
+        raise InputError("encoding", f"{name} has encoding {image.encoding!r}; send one of {known}")
+    dtype = np.dtype(encodings[image.encoding]).newbyteorder(">" if image.is_bigendian else "<")
+    step = image.step or image.width * dtype.itemsize
+    data = np.frombuffer(image.data, dtype=np.uint8)
+    if (
+        image.width * image.height == 0
+        or step < image.width * dtype.itemsize
+        or data.size < step * image.height
+    ):
+        found = f"{data.size} bytes for {image.width} x {image.height} pixels with rows of {image.step} bytes"
+        raise InputError("array_length", f"{name} has {found}; send whole images")
+    rows = data[: step * image.height].reshape(image.height, step)
+    return np.ascontiguousarray(rows[:, : image.width * dtype.itemsize]).view(dtype)
+
+
+def intrinsics_from_msg(info: CameraInfo) -> Intrinsics:
+    """Pinhole camera of the rectified image; distortion is ignored.
+
+    Raises:
+        InputError: `camera_matrix`, focal lengths that are not positive, or a centre that is not finite.
+    """
+    fx, _, cx, _, fy, cy = np.asarray(info.k, dtype=np.float64)[:6].tolist()
+    if not (np.isfinite([fx, fy, cx, cy]).all() and fx > 0 and fy > 0):
+        raise InputError(
+            "camera_matrix",
+            f"camera_info has fx = {fx}, fy = {fy}, cx = {cx}, cy = {cy}; calibrate the camera",
+        )
+    return Intrinsics(info.width, info.height, fx, fy, cx, cy)
+
+
+def instances_from_msg(message: InstanceArray) -> tuple[Instance, ...]:
+    """The entries of a segmentation."""
+    return tuple(Instance(item.label, item.category, item.score) for item in message.instances)
+
+
+def instances_to_msg(instances: tuple[Instance, ...], header: Header) -> InstanceArray:
+    """Entries of a segmentation; the header's stamp is the mask's."""
+    items = [InstanceMsg(label=i.label, category=i.category, score=float(i.score)) for i in instances]
+    return InstanceArray(header=header, instances=items)
+
+
+def code_to_msg(code: Code) -> CodeMsg:
+    """Latent code; the frame is that of the message around it."""
+    return CodeMsg(
+        category=code.category,
+        ambiguous=code.ambiguous,
+        z=floats("d", code.z),
+        descriptor=floats("d", code.descriptor),
+        sigmas=np.asarray(code.sigmas, dtype=np.float64),
+    )
+
+
+def code_from_msg(message: CodeMsg) -> Code:
+    """Latent code.
+
+    Raises:
+        InputError: `array_length`, z is not k x 3 with even k >= 4, or the descriptor has not k entries.
+    """
+    k, rest = divmod(len(message.z), 3)
+    if rest or k < 4 or k % 2 or len(message.descriptor) != k:
+        found = f"{len(message.z)} numbers in z and {len(message.descriptor)} in descriptor"
+        raise InputError("array_length", f"code has {found}; send 3 k and k, k even and at least 4")
+    z = np.array(message.z, dtype=np.float64).reshape(k, 3)
+    descriptor = np.array(message.descriptor, dtype=np.float64)
+    sigmas = np.array(message.sigmas, dtype=np.float64)
+    return Code(message.category, bool(message.ambiguous), z, descriptor, sigmas)
+
+
+def observation_to_msg(observation: Observation) -> ObjectObservation:
+    """One object seen in one frame."""
+    x, y, z = map(float, observation.partial_center)
+    return ObjectObservation(
+        label=observation.label,
+        score=float(observation.score),
+        code=code_to_msg(observation.code),
+        cloud=floats("f", observation.cloud),
+        partial_center=Point(x=x, y=y, z=z),
+        mask_px=observation.mask_px,
+        touches_border=observation.touches_border,
+    )
+
+
+def observation_from_msg(message: ObjectObservation) -> Observation:
+    """One object seen in one frame.
+
+    Raises:
+        InputError: `array_length`, in the code, or in a cloud that is not m x 3.
+    """
+    if len(message.cloud) % 3:
+        raise InputError("array_length", f"cloud has {len(message.cloud)} numbers; send 3 a point")
+    center = message.partial_center
+    return Observation(
+        label=message.label,
+        score=message.score,
+        code=code_from_msg(message.code),
+        cloud=np.array(message.cloud, dtype=np.float32).reshape(-1, 3),
+        partial_center=np.array([center.x, center.y, center.z]),
+        mask_px=message.mask_px,
+        touches_border=bool(message.touches_border),
+    )
+
+
+def observed_frame_to_msg(frame: ObservedFrame, frame_id: str) -> ObjectObservationArray:
+    """All objects of one frame; frame_id: the camera optical frame."""
+    header = header_to_msg(frame.stamp_ns, frame_id)
+    return ObjectObservationArray(
+        header=header,
+        observations=[observation_to_msg(observation) for observation in frame.observations],
+        intrinsics=intrinsics_to_msg(frame.intrinsics),
+        coarse_depth=depth_to_msg(frame.coarse_depth_m, header),
+        rejections=[RejectionMsg(reason=r.reason, detail=r.detail) for r in frame.rejections],
+    )
+
+
+def observed_frame_from_msg(message: ObjectObservationArray) -> ObservedFrame:
+    """All objects of one frame.
+
+    Raises:
+        InputError: an array of wrong length inside.
+    """
+    return ObservedFrame(
+        stamp_ns=stamp_from_msg(message.header.stamp),
+        observations=tuple(observation_from_msg(item) for item in message.observations),
+        intrinsics=pinhole_from_msg(message.intrinsics),
+        coarse_depth_m=depth_from_msg(message.coarse_depth),
+        rejections=tuple(Rejection(item.reason, item.detail) for item in message.rejections),
+    )
+
+
+def intrinsics_to_msg(intrinsics: Intrinsics) -> IntrinsicsMsg:
+    """Pinhole camera, pixels."""
+    return IntrinsicsMsg(
+        width=intrinsics.width,
+        height=intrinsics.height,
+        fx=float(intrinsics.fx),
+        fy=float(intrinsics.fy),
+        cx=float(intrinsics.cx),
+        cy=float(intrinsics.cy),
+    )
+
+
+def pinhole_from_msg(message: IntrinsicsMsg) -> Intrinsics:
+    """Pinhole camera, pixels."""
+    return Intrinsics(message.width, message.height, message.fx, message.fy, message.cx, message.cy)
+
+
+def depth_to_msg(depth_m: np.ndarray, header: Header) -> Image:
+    """(h, w) metres as a 32FC1 image."""
+    height, width = depth_m.shape
+    data = array("B", np.ascontiguousarray(depth_m, dtype="<f4").tobytes())
+    return Image(header=header, height=height, width=width, encoding="32FC1", step=4 * width, data=data)
+
+
+def floats(typecode: str, values: Any) -> array:
+    """Numbers as the flat array that message fields take without a check of every element."""
+    flat = array(typecode)
+    flat.frombytes(np.ascontiguousarray(values, dtype=typecode).tobytes())
+    return flat
+
+
+def _size(pixels: np.ndarray) -> str:
+    return f"{pixels.shape[1]} x {pixels.shape[0]}"

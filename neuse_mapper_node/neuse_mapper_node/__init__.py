@@ -1,0 +1,1 @@
+"""Tracked frames to a change-aware object map, its changes and markers."""

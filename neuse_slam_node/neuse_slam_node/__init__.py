@@ -1,0 +1,1 @@
+"""Latent object codes to camera poses, keyframes and pose-graph edges."""
