@@ -1,0 +1,1 @@
+"""Section IV-D: change detection, the object map, full shapes, and map files."""

@@ -1,0 +1,153 @@
+"""Which changes explain what came and what went: moved, added or removed objects (NeuSE IV-D).
+
+The tracker never moves an object: at a new place it instantiates a new one. So a move shows as one object
+gone and a newcomer of its shape, often minutes apart. Reports wait until the evidence is in; should the other
+half of a move turn up after one half was reported, the MOVED supersedes that report (see `settled_changes`).
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from neuse.mapping.object_library import ObjectLibrary, ObjectRecord
+from neuse.params import CheckedParams, param
+from neuse.records import ChangeKind, ObjectChange
+
+_SAME_PLACE_M = 0.02  # an object that came back to its own place has not moved
+
+
+@dataclass(frozen=True)
+class ChangeParams(CheckedParams):
+    """How long reports wait."""
+
+    pending_s: float = param(
+        60.0, "an object gone, or come, is held back this long until its other place has been seen", 0.0, 1e6
+    )
+
+
+@dataclass(frozen=True)
+class Move:
+    """A newcomer that is an object gone from elsewhere."""
+
+    object_id: int
+    newcomer_id: int
+
+
+@dataclass
+class _Open:
+    """Since when an object has been known to be gone or new, and when that was reported, if it was."""
+
+    since_ns: int
+    reported_ns: int | None = None
+
+
+class ChangeDetector:
+    """Pairs objects that are gone with newcomers of like shape; what stays alone is removed or added."""
+
+    def __init__(self, params: ChangeParams, similarity_min: float) -> None:
+        self._pending_ns = int(params.pending_s * 1e9)
+        self._similarity_min = similarity_min
+        self._gone: dict[int, _Open] = {}
+        self._come: dict[int, _Open] = {}
+
+    def note_gone(self, object_id: int, stamp_ns: int) -> None:
+        """The object is no longer at its place."""
+        self._gone.setdefault(object_id, _Open(stamp_ns))
+
+    def note_present(self, object_id: int) -> None:
+        """The object is at its place, after all."""
+        self._gone.pop(object_id, None)
+
+    def note_come(self, object_id: int, stamp_ns: int) -> None:
+        """The object has come to a place that was free, or another's."""
+        self._come.setdefault(object_id, _Open(stamp_ns))
+
+    def rename(self, object_id: int, new_id: int) -> None:
+        """An object was known under another id."""
+        for entries in (self._gone, self._come):
+            if object_id in entries:
+                entries.setdefault(new_id, entries.pop(object_id))
+
+    def moves(self, library: ObjectLibrary, stamp_ns: int, final: bool) -> list[Move]:
+        """The pairs that are certain: most alike among all that are open, the gone one known to be gone."""
+        self._expire(stamp_ns)
+        moves, taken = [], set[int]()
+        for _, newcomer_id, known_id in sorted(self._candidates(library, stamp_ns, final), reverse=True):
+            if newcomer_id in taken or known_id in taken:
+                continue
+            taken |= {newcomer_id, known_id}
+            if known_id in self._gone:
+                moves.append(Move(known_id, newcomer_id))
+        for move in moves:
+            del self._gone[move.object_id], self._come[move.newcomer_id]
+        return moves
+
+    def added(self, library: ObjectLibrary, stamp_ns: int, final: bool) -> list[int]:
+        """Newcomers, each reported once, that no missing object explains."""
+        waiting = {newcomer_id for _, newcomer_id, _ in self._candidates(library, stamp_ns, final)}
+        return _report([i for i in self._come if i not in waiting], self._come, stamp_ns)
+
+    def removed(self, stamp_ns: int, final: bool) -> list[int]:
+        """Objects gone, each reported once, that have not turned up elsewhere in time."""
+        due = [i for i, entry in self._gone.items() if final or self._is_late(entry, stamp_ns)]
+        return _report(due, self._gone, stamp_ns)
+
+    def _candidates(self, library: ObjectLibrary, stamp_ns: int, final: bool) -> list[tuple[float, int, int]]:
+        """(similarity, newcomer, object) of all pairs that may be one object.
+
+        Objects whose places have not been seen since the newcomer came are candidates until it is late.
+        """
+        pairs = []
+        for newcomer_id, entry in self._come.items():
+            newcomer = library.records[newcomer_id]
+            waits = not final and entry.reported_ns is None and not self._is_late(entry, stamp_ns)
+            for known in library:
+                if known.object_id in self._gone or (waits and known.is_present):
+                    similarity = self._similarity(newcomer, known)
+                    if similarity >= self._similarity_min:
+                        pairs.append((similarity, newcomer_id, known.object_id))
+        return pairs
+
+    def _similarity(self, newcomer: ObjectRecord, known: ObjectRecord) -> float:
+        """Cosine of the descriptors, -1 where one object cannot be the other."""
+        both_seen = known.last_tick >= newcomer.since_tick
+        if both_seen or newcomer.object_id in self._gone:
+            return -1.0
+        if np.linalg.norm(newcomer.center - known.center) <= _SAME_PLACE_M:
+            return -1.0
+        return newcomer.similarity(known)
+
+    def _is_late(self, entry: _Open, stamp_ns: int) -> bool:
+        return stamp_ns - entry.since_ns >= self._pending_ns
+
+    def _expire(self, stamp_ns: int) -> None:
+        """What was reported long ago no longer explains anything."""
+        for entries in (self._gone, self._come):
+            for object_id, entry in list(entries.items()):
+                if entry.reported_ns is not None and stamp_ns - entry.reported_ns >= self._pending_ns:
+                    del entries[object_id]
+
+
+def _report(object_ids: list[int], entries: dict[int, _Open], stamp_ns: int) -> list[int]:
+    """Those of the ids that have not been reported yet, marked as reported now."""
+    fresh = [object_id for object_id in object_ids if entries[object_id].reported_ns is None]
+    for object_id in fresh:
+        entries[object_id].reported_ns = stamp_ns
+    return fresh
+
+
+def settled_changes(changes: Iterable[ObjectChange]) -> tuple[ObjectChange, ...]:
+    """A stream of reports without those that a later MOVED has superseded: its halves, if reported before."""
+    settled: list[ObjectChange] = []
+    for change in changes:
+        if change.kind == ChangeKind.MOVED:
+            settled = [earlier for earlier in settled if not _is_half_of(earlier, change)]
+        settled.append(change)
+    return tuple(settled)
+
+
+def _is_half_of(earlier: ObjectChange, move: ObjectChange) -> bool:
+    went = earlier.kind == ChangeKind.REMOVED and earlier.object_id == move.object_id
+    came = earlier.kind == ChangeKind.ADDED and earlier.object_id == move.merged_id
+    return went or came

@@ -1,0 +1,106 @@
+"""What a keyframe saw at a place, the place being put relative to the anchors that the keyframe saw."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from neuse.geometry import Array, inverse, transform_points
+from neuse.mapping.free_space import FreeSpaceParams, Sight, look
+from neuse.mapping.keyframe_memory import KeyframeMemory, SeenKeyframe
+from neuse.mapping.object_graph import Anchor, LayoutParams, align_graphs, is_unchanged
+from neuse.mapping.object_library import ObjectLibrary, ObjectRecord
+
+
+@dataclass(frozen=True)
+class AnchoredView:
+    """One view of an object among anchors. center: (3,) as observed through the keyframe's pose, map frame.
+
+    points: (n, 3) its surface points, map frame, with the drift taken out that the anchors show.
+    """
+
+    keyframe: SeenKeyframe
+    center: Array
+    anchors: tuple[Anchor, ...]
+    points: Array
+
+
+class Evidence:
+    """Looks places up in stored keyframes; anchors take out the drift between a keyframe and the map."""
+
+    def __init__(
+        self,
+        memory: KeyframeMemory,
+        library: ObjectLibrary,
+        layout: LayoutParams,
+        free_space: FreeSpaceParams,
+    ) -> None:
+        self._memory, self._library = memory, library
+        self._layout, self._free_space = layout, free_space
+
+    def anchors(self, keyframe: SeenKeyframe, center: Array, known_by: int, excluded_id: int) -> list[Anchor]:
+        """Objects that the keyframe saw near a place (3,), map frame, that served there as landmarks.
+
+        They are still where the keyframe saw them and were known at step `known_by`. The age matters: objects
+        met together after a drift confirm each other, but tie none of them to what was seen before.
+        """
+        known_by = min(known_by, keyframe.tick)
+        T_map_camera = self._memory.poses[keyframe.keyframe_id]
+        anchors = []
+        for seen_id, center_camera in keyframe.centers.items():
+            record = self._library.find(seen_id)
+            if record is None or not record.is_present or record.since_tick > known_by:
+                continue
+            observed = T_map_camera[:3, :3] @ center_camera + T_map_camera[:3, 3]
+            near = np.linalg.norm(observed - center) <= self._layout.anchor_radius_m
+            if near and record.object_id != excluded_id:
+                anchors.append(Anchor(record.object_id, observed, record.center, record.since_tick))
+        return anchors
+
+    def anchored_views(self, record: ObjectRecord, count: int) -> list[AnchoredView]:
+        """Those of the latest `count` views of an object that saw it among anchors older than itself."""
+        views = []
+        for keyframe_id in list(record.views)[-count:]:
+            keyframe = self._memory.seen.get(keyframe_id)
+            if keyframe is None:
+                continue
+            center = transform_points(self._memory.poses[keyframe_id], record.views[keyframe_id].code.center)
+            anchors = self.anchors(keyframe, center, record.since_tick - 1, record.object_id)
+            T_reference_observed = align_graphs(anchors, self._layout)
+            if T_reference_observed is not None:
+                points = transform_points(T_reference_observed, record.points_of([keyframe_id]))
+                views.append(AnchoredView(keyframe, center, tuple(anchors), points))
+        return views
+
+    def agrees(self, view: AnchoredView, known: ObjectRecord) -> bool | None:
+        """Whether an object graph has the viewed object in the place of a known one (NeuSE eq. 10)."""
+        others = [anchor for anchor in view.anchors if anchor.object_id != known.object_id]
+        return is_unchanged(view.center, known.center, others, self._layout)
+
+    def is_in_place(self, center_camera: Array, known: ObjectRecord, keyframe: SeenKeyframe) -> bool:
+        """Whether what a keyframe saw at (3,), camera frame, is in the place of a known object."""
+        center = transform_points(self._memory.poses[keyframe.keyframe_id], center_camera)
+        anchors = self.anchors(keyframe, center, known.last_tick, known.object_id)
+        return is_unchanged(center, known.center, anchors, self._layout) is True
+
+    def sight(self, points: Array, keyframe: SeenKeyframe, known_by: int, excluded_id: int) -> Sight | None:
+        """What the keyframe saw at the points (n, 3), map frame; None if it is no evidence."""
+        if keyframe.depth_mm is None:
+            return None
+        anchors = self.anchors(keyframe, points.mean(axis=0), known_by, excluded_id)
+        T_reference_observed = align_graphs(anchors, self._layout)
+        if T_reference_observed is None:
+            return None
+        T_map_camera = T_reference_observed @ self._memory.poses[keyframe.keyframe_id]
+        in_camera = transform_points(inverse(T_map_camera), points)
+        return look(in_camera, keyframe.coarse_depth_m, keyframe.intrinsics, self._free_space)
+
+    def sights(self, points: Array, keyframes: Sequence[SeenKeyframe], record: ObjectRecord) -> list[Sight]:
+        """What keyframes saw at points (n, 3) of an object, map frame, as far as it is evidence."""
+        sights = [self.sight(points, k, min(k.tick, record.last_tick), record.object_id) for k in keyframes]
+        return [sight for sight in sights if sight is not None]
+
+    def keyframes_at(self, center: Array, ticks: range, count: int) -> list[SeenKeyframe]:
+        """The `count` nearest keyframes of those steps with a place (3,), map frame, in view; oldest first."""
+        nearest = self._memory.nearest_views(center, ticks, self._free_space.max_range_m, count)
+        return sorted(nearest, key=lambda keyframe: keyframe.tick)

@@ -1,0 +1,102 @@
+"""Memory of keyframes: their latest poses, and what each saw: centres of objects, and depth."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from neuse.geometry import Array, inverse
+from neuse.records import NO_ID, Intrinsics, Keyframe, TrackedFrame
+
+_MOVED_M = 1e-4  # a keyframe that moved less need not be looked at again
+_MM = 1000.0
+
+
+@dataclass
+class SeenKeyframe:
+    """What a keyframe saw. depth_mm: (h', w') uint16, 0 = no reading, or None once forgotten.
+
+    tick: step of the mapper at which it came.    centers: object id -> (3,) observed centre, camera frame.
+    """
+
+    keyframe_id: int
+    tick: int
+    intrinsics: Intrinsics
+    depth_mm: np.ndarray | None
+    centers: dict[int, Array] = field(default_factory=dict)
+
+    @property
+    def coarse_depth_m(self) -> np.ndarray:
+        """(h', w') float32, metres."""
+        assert self.depth_mm is not None
+        return self.depth_mm.astype(np.float32) / np.float32(_MM)
+
+
+class KeyframeMemory:
+    """Keyframes by id. `poses` holds p_map = poses[id] @ p_camera; poses[NO_ID] is the map itself."""
+
+    def __init__(self, max_depths: int) -> None:
+        self.poses: dict[int, Array] = {NO_ID: np.eye(4)}
+        self.seen: dict[int, SeenKeyframe] = {}
+        self._max_depths = max_depths
+        self._latest = NO_ID
+
+    def update(self, frame: TrackedFrame, keyframes: Iterable[Keyframe], tick: int) -> set[int]:
+        """Take over the latest poses and store a keyframe; the ids of keyframes that moved."""
+        latest = {keyframe.keyframe_id: keyframe.T_map_camera for keyframe in keyframes}
+        if frame.keyframe_id != NO_ID:
+            latest.setdefault(frame.keyframe_id, frame.T_map_camera)
+            self._latest = frame.keyframe_id
+            self.seen[frame.keyframe_id] = SeenKeyframe(
+                frame.keyframe_id, tick, frame.intrinsics, _to_millimetres(frame.coarse_depth_m)
+            )
+            self._forget_every_second_depth()
+        moved = {
+            i for i, T in latest.items() if i in self.poses and np.abs(T - self.poses[i]).max() > _MOVED_M
+        }
+        self.poses |= {i: T for i, T in latest.items() if i in moved or i not in self.poses}
+        return moved
+
+    def reference(self, frame: TrackedFrame) -> tuple[int, Array]:
+        """The keyframe to which a frame's views are tied, and T_keyframe_camera of the frame."""
+        if frame.keyframe_id != NO_ID:
+            return frame.keyframe_id, np.eye(4)
+        return self._latest, inverse(self.poses[self._latest]) @ frame.T_map_camera
+
+    def nearest_views(
+        self, center: Array, ticks: range, max_range_m: float, count: int
+    ) -> list[SeenKeyframe]:
+        """The `count` keyframes with depth of those steps nearest to a place (3,) that is in view."""
+        candidates = [k for k in self.seen.values() if k.depth_mm is not None and k.tick in ticks]
+        if not candidates:
+            return []
+        T_camera_map = inverse(np.stack([self.poses[k.keyframe_id] for k in candidates]))
+        in_view = visible(
+            T_camera_map[:, :3, :3] @ center + T_camera_map[:, :3, 3], candidates[-1].intrinsics
+        )
+        ranges_m = np.linalg.norm(T_camera_map[:, :3, :3] @ center + T_camera_map[:, :3, 3], axis=1)
+        nearest = np.argsort(ranges_m, kind="stable")
+        return [candidates[i] for i in nearest if in_view[i] and ranges_m[i] <= max_range_m][:count]
+
+    def _forget_every_second_depth(self) -> None:
+        """Thin the depth images out evenly when there are too many: neighbours tell much the same."""
+        with_depth = [keyframe for keyframe in self.seen.values() if keyframe.depth_mm is not None]
+        if len(with_depth) > self._max_depths:
+            for keyframe in with_depth[:-1:2]:
+                keyframe.depth_mm = None
+
+
+def visible(centers: Array, intrinsics: Intrinsics) -> np.ndarray:
+    """(n,) bool: which points (n, 3), camera frame, project into the image."""
+    z = np.maximum(centers[:, 2], 1e-6)
+    u = intrinsics.fx * centers[:, 0] / z + intrinsics.cx
+    v = intrinsics.fy * centers[:, 1] / z + intrinsics.cy
+    inside = (u >= 0) & (u < intrinsics.width) & (v >= 0) & (v < intrinsics.height)
+    return inside & (centers[:, 2] > 0)
+
+
+def _to_millimetres(coarse_depth_m: np.ndarray) -> np.ndarray:
+    limit = np.iinfo(np.uint16).max
+    return (
+        np.nan_to_num(coarse_depth_m * _MM, nan=0.0, posinf=0.0, neginf=0.0).clip(0, limit).astype(np.uint16)
+    )

@@ -1,0 +1,162 @@
+"""What is an object that the tracker has just instantiated: one known already, a discovery, or a change?"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from neuse.mapping.evidence import AnchoredView, Evidence
+from neuse.mapping.free_space import Sight, free_share
+from neuse.mapping.keyframe_memory import SeenKeyframe
+from neuse.mapping.object_library import ObjectLibrary, ObjectRecord
+from neuse.mapping.reconstruction import Box, MeshCache
+from neuse.mapping.upkeep import UpkeepParams, is_displaced, is_residual
+from neuse.params import CheckedParams, param
+from neuse.records import TrackedObservation
+
+
+@dataclass(frozen=True)
+class NewcomerParams(CheckedParams):
+    """When a newcomer is judged."""
+
+    min_views: int = param(
+        3, "keyframes with anchors that must have seen a newcomer before it is judged", 1, 1000
+    )
+    discovery_views: int = param(
+        6, "keyframes after which a newcomer without evidence of change is a discovery", 1, 1000
+    )
+    min_empty_keyframes: int = param(
+        3, "keyframes that must have seen a place empty before an object came or after it went", 1, 1000
+    )
+    max_evidence_keyframes: int = param(24, "earlier keyframes that are looked up for a newcomer", 1, 10000)
+    min_shift_share: float = param(
+        0.15, "share of an object's points that must be seen free where another displaced it", 0, 1
+    )
+    similarity_min: float = param(
+        0.95, "cosine of descriptors above which two shapes are alike (delta_shape of NeuSE IV-B)", -1, 1
+    )
+    different_below: float = param(
+        0.8, "cosine of descriptors below which two objects in one place are certainly not the same", -1, 1
+    )
+
+
+class Origin(Enum):
+    """Where a newcomer comes from."""
+
+    OPEN = "open"
+    DISCOVERY = "discovery"
+    DUPLICATE = "duplicate"
+    CHANGE = "change"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """duplicate_of: the object that a duplicate is.    displaced: objects whose place a change has taken."""
+
+    origin: Origin
+    duplicate_of: int | None = None
+    displaced: tuple[int, ...] = ()
+
+
+class Judge:
+    """Judges newcomers by object graphs, by boxes, and by what earlier keyframes saw at their places."""
+
+    def __init__(
+        self, library: ObjectLibrary, evidence: Evidence, meshes: MeshCache,
+        params: NewcomerParams, upkeep: UpkeepParams,
+    ) -> None:  # fmt: skip
+        self._library, self._evidence, self._meshes = library, evidence, meshes
+        self._params, self._upkeep = params, upkeep
+
+    def judge(self, newcomer: ObjectRecord) -> Verdict:
+        """Verdict on a newcomer from all that is known now; OPEN while that is not enough."""
+        if not any(known.since_tick < newcomer.since_tick for known in self._library):
+            return Verdict(Origin.DISCOVERY)
+        views = self._evidence.anchored_views(newcomer, self._params.discovery_views)
+        if len(views) < self._params.min_views:
+            return Verdict(Origin.OPEN)
+        displaced = []
+        for known in self._neighbours(newcomer):
+            if self._is_duplicate(newcomer, known, views):
+                return Verdict(Origin.DUPLICATE, duplicate_of=known.object_id)
+            if self._has_displaced(newcomer, known, views):
+                displaced.append(known.object_id)
+        if displaced or self._was_free(newcomer, views):
+            return Verdict(Origin.CHANGE, displaced=tuple(displaced))
+        enough = len(newcomer.views) >= self._params.discovery_views
+        return Verdict(Origin.DISCOVERY if enough else Origin.OPEN)
+
+    def recognise(self, unmatched: TrackedObservation, keyframe: SeenKeyframe) -> int | None:
+        """The known object of like shape, if any, in whose place an unmatched observation is (IV-D)."""
+        for similar_id in unmatched.similar_ids:
+            known = self._library.find(similar_id)
+            if known is None or not known.is_present or known.object_id in keyframe.centers:
+                continue
+            if self._evidence.is_in_place(unmatched.observation.code.center, known, keyframe):
+                return known.object_id
+        return None
+
+    def _neighbours(self, newcomer: ObjectRecord) -> list[ObjectRecord]:
+        """Older objects whose box may touch the newcomer's, nearest first."""
+        near = []
+        for known in self._library:
+            if known is newcomer or not known.is_present or known.since_tick >= newcomer.since_tick:
+                continue
+            distance_m = float(np.linalg.norm(known.center - newcomer.center))
+            if distance_m <= known.reach_m + newcomer.reach_m:
+                near.append((distance_m, known.object_id))
+        return [self._library.records[object_id] for _, object_id in sorted(near)]
+
+    def _is_duplicate(
+        self, newcomer: ObjectRecord, known: ObjectRecord, views: Sequence[AnchoredView]
+    ) -> bool:
+        """Alike and in one place relative to the anchors (IV-D), or part of an object that is still seen."""
+        if newcomer.similarity(known) >= self._params.similarity_min:
+            votes = [self._evidence.agrees(view, known) for view in views]
+            if 2 * votes.count(True) > len(votes) - votes.count(None):
+                return True
+        still_seen = known.last_tick >= newcomer.since_tick
+        return still_seen and is_residual(self._box(newcomer), self._box(known), self._upkeep)
+
+    def _has_displaced(
+        self, newcomer: ObjectRecord, known: ObjectRecord, views: Sequence[AnchoredView]
+    ) -> bool:
+        """The newcomer stands in the place of an older object that has not been seen since.
+
+        Boxes alone cannot tell a new object from an old one that is badly seen, so depth has to show a
+        difference too, unless the shapes are nothing alike.
+        """
+        if known.last_tick >= newcomer.since_tick or _known_since(views) > known.last_tick:
+            return False
+        if not is_displaced(self._box(known), self._box(newcomer), self._upkeep):
+            return False
+        if newcomer.similarity(known) < self._params.different_below:
+            return True
+        before = self._sights_before(newcomer, views, known.last_tick + 1)
+        after = self._evidence.sights(known.points, [view.keyframe for view in views], known)
+        return max(free_share(before), free_share(after)) >= self._params.min_shift_share
+
+    def _was_free(self, newcomer: ObjectRecord, views: Sequence[AnchoredView]) -> bool:
+        """Earlier keyframes saw through the place, until something came that has been there since."""
+        before = self._sights_before(newcomer, views, newcomer.since_tick)
+        while before and not before[-1].is_empty:
+            before.pop()
+        empty, taken = sum(sight.is_empty for sight in before), sum(sight.is_taken for sight in before)
+        return empty >= self._params.min_empty_keyframes and empty > taken
+
+    def _sights_before(self, newcomer: ObjectRecord, views: Sequence[AnchoredView], tick: int) -> list[Sight]:
+        """What keyframes before that step, but after the anchors were met, saw at the place; oldest first."""
+        points = np.concatenate([view.points for view in views])
+        keyframes = self._evidence.keyframes_at(
+            points.mean(axis=0), range(_known_since(views), tick), self._params.max_evidence_keyframes
+        )
+        return self._evidence.sights(points, keyframes, newcomer)
+
+    def _box(self, record: ObjectRecord) -> Box:
+        return self._meshes.box(record.object_id, record.code, record.points)
+
+
+def _known_since(views: Sequence[AnchoredView]) -> int:
+    """The oldest anchor has been known since that step; older keyframes tell nothing about the place."""
+    return min(anchor.since_tick for view in views for anchor in view.anchors)

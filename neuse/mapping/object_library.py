@@ -1,0 +1,192 @@
+"""The library of objects: views tied to keyframes, and their average in the map frame (NeuSE IV-A)."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from neuse.embedding.code import Code
+from neuse.geometry import Array, transform_points
+from neuse.params import CheckedParams, param
+from neuse.records import ObjectStatus
+
+_FLIP_SCALE_M = 0.02  # views whose landmarks lie this far from the average count half
+_TRUSTED_SHARE = 0.8  # the farthest points of a view may be of another surface
+
+
+@dataclass(frozen=True)
+class LibraryParams(CheckedParams):
+    """What is kept of each object."""
+
+    max_views: int = param(24, "views that are kept of an object, spread evenly", 2, 10000)
+    points_per_view: int = param(48, "surface points that are kept of a view", 4, 10000)
+    views_of_place: int = param(6, "views whose points make up an object's place", 1, 1000)
+
+
+@dataclass(frozen=True)
+class View:
+    """One observation of an object, in the frame of a keyframe. points: (m, 3) surface points, metres."""
+
+    code: Code
+    points: Array
+    weight: float = 1.0
+
+
+@dataclass
+class ObjectRecord:
+    """One object. Ticks are steps of the mapper; `views` go by keyframe id, `poses` are the keyframes'.
+
+    since_tick: first step at its present place.    last_tick: latest step that saw it there.
+    """
+
+    object_id: int
+    category: str
+    poses: Mapping[int, Array]
+    first_seen_ns: int
+    last_seen_ns: int
+    since_tick: int
+    last_tick: int
+    n_observations: int = 0
+    status: ObjectStatus = ObjectStatus.UNCHANGED
+    views: dict[int, View] = field(default_factory=dict)
+    _code: Code | None = None
+    _center: Array | None = None
+    _points: Array | None = None
+
+    @property
+    def is_present(self) -> bool:
+        """Still somewhere in the scene, as far as known."""
+        return self.status != ObjectStatus.REMOVED
+
+    @property
+    def code(self) -> Code:
+        """Latent code in the map frame, averaged over the views."""
+        if self._code is None:
+            T_map_keyframes = np.stack([self.poses[keyframe_id] for keyframe_id in self.views])
+            weights = np.array([view.weight for view in self.views.values()])
+            self._code = average_codes([view.code for view in self.views.values()], T_map_keyframes, weights)
+        return self._code
+
+    @property
+    def center(self) -> Array:
+        """(3,) centre in the map frame."""
+        if self._center is None:
+            self._center = self.code.center
+        return self._center
+
+    @property
+    def points(self) -> Array:
+        """(m, 3) observed surface points of a few views, map frame."""
+        if self._points is None:
+            self._points = self.points_of(list(self.views))
+        return self._points
+
+    def points_of(self, keyframe_ids: Sequence[int], count: int = 6) -> Array:
+        """(m, 3) surface points of up to `count` of these views, evenly spread, map frame."""
+        step = max(1, -(-len(keyframe_ids) // count))
+        return np.concatenate(
+            [transform_points(self.poses[i], self.views[i].points) for i in keyframe_ids[::step]]
+        )
+
+    @property
+    def reach_m(self) -> float:
+        """Distance of the farthest observed point from the centre: a radius that needs no decoding."""
+        return float(np.linalg.norm(self.points - self.center, axis=1).max())
+
+    def similarity(self, other: "ObjectRecord") -> float:
+        """Cosine of the averaged descriptors; -1 across categories."""
+        return (
+            float(self.code.descriptor @ other.code.descriptor) if self.category == other.category else -1.0
+        )
+
+    def seen(self, tick: int, stamp_ns: int) -> None:
+        """The object was seen at its place."""
+        self.last_tick, self.last_seen_ns = tick, stamp_ns
+        self.n_observations += 1
+
+    def add_view(self, keyframe_id: int, view: View, max_views: int) -> None:
+        """Keep a view, the first of each keyframe; beyond `max_views` every second one is dropped."""
+        if keyframe_id in self.views:
+            return
+        self.views[keyframe_id] = view
+        if len(self.views) > max_views:
+            self.views = {i: self.views[i] for i in list(self.views)[-1::-2][::-1]}
+        self.invalidate()
+
+    def invalidate(self) -> None:
+        """The views or the poses of their keyframes changed."""
+        self._code = self._center = self._points = None
+
+
+def average_codes(codes: Sequence[Code], T_map_keyframes: Array, weights: Array) -> Code:
+    """Robust average of codes of one object, n views of it: a flipped view among good ones hardly counts.
+
+    T_map_keyframes: (n, 4, 4) from each code's frame.    weights: (n,) positive.
+    The errors of views are correlated, so the average claims to be no better than its best view.
+    """
+    R, t = T_map_keyframes[:, :3, :3], T_map_keyframes[:, None, :3, 3]
+    z = np.stack([code.z for code in codes]) @ R.transpose(0, 2, 1) + t  # (n, k, 3)
+    half = z.shape[1] // 2
+    robust = weights
+    for _ in range(3):
+        mean = np.tensordot(robust / robust.sum(), z, axes=1)  # (k, 3)
+        squared_m2 = ((z[:, :half] - mean[:half]) ** 2).sum(axis=2).mean(axis=1)  # (n,)
+        robust = weights / (1.0 + squared_m2 / _FLIP_SCALE_M**2)
+    descriptor = np.tensordot(robust, np.stack([code.descriptor for code in codes]), axes=1)
+    descriptor = descriptor / max(float(np.linalg.norm(descriptor)), 1e-12)
+    return replace(codes[0], z=mean, descriptor=descriptor, sigmas=np.min([c.sigmas for c in codes], axis=0))
+
+
+def make_view(code: Code, cloud: np.ndarray, T_keyframe_camera: Array, is_cut: bool, count: int) -> View:
+    """A view from an observation in the camera frame; a cut one (at the image border) weighs a quarter."""
+    variance = float(np.mean(code.sigmas[3:] ** 2)) + 1e-6
+    nearest = np.argsort(np.linalg.norm(cloud - code.center, axis=1))[
+        : int(np.ceil(_TRUSTED_SHARE * len(cloud)))
+    ]
+    kept = np.sort(nearest)[:: max(1, len(nearest) // count)][:count]
+    points = transform_points(T_keyframe_camera, cloud[kept].reshape(-1, 3))
+    return View(code.transformed(T_keyframe_camera), points, (0.25 if is_cut else 1.0) * 1e-6 / variance)
+
+
+class ObjectLibrary:
+    """Objects by id. Ids that turned out to mean another object are aliases of it."""
+
+    def __init__(self) -> None:
+        self.records: dict[int, ObjectRecord] = {}
+        self.aliases: dict[int, int] = {}
+
+    def __iter__(self) -> Iterator[ObjectRecord]:
+        return iter(self.records.values())
+
+    def resolve(self, object_id: int) -> int:
+        """The lasting id behind an id of the tracker."""
+        while object_id in self.aliases:
+            object_id = self.aliases[object_id]
+        return object_id
+
+    def find(self, object_id: int) -> ObjectRecord | None:
+        """The object that an id of the tracker means, if known."""
+        return self.records.get(self.resolve(object_id))
+
+    def merge(self, duplicate_id: int, into_id: int) -> None:
+        """Two ids mean one object: the first becomes an alias of the second and leaves the map."""
+        duplicate, kept = self.records.pop(duplicate_id), self.records[into_id]
+        self.aliases[duplicate_id] = into_id
+        kept.first_seen_ns = min(kept.first_seen_ns, duplicate.first_seen_ns)
+        kept.n_observations += duplicate.n_observations
+        if duplicate.last_tick > kept.last_tick:
+            kept.last_tick, kept.last_seen_ns = duplicate.last_tick, duplicate.last_seen_ns
+
+    def move(self, object_id: int, newcomer_id: int) -> None:
+        """The newcomer is this object at a new place: it takes over the newcomer's views there."""
+        moved, newcomer = self.records[object_id], self.records[newcomer_id]
+        self.merge(newcomer_id, object_id)
+        moved.views, moved.since_tick = newcomer.views, newcomer.since_tick
+        moved.status = ObjectStatus.MOVED
+        moved.invalidate()
+
+    def invalidate(self, keyframe_ids: set[int]) -> None:
+        """These keyframes moved: whatever hangs on them is averaged anew when next asked for."""
+        for record in self:
+            if not keyframe_ids.isdisjoint(record.views):
+                record.invalidate()

@@ -1,0 +1,117 @@
+"""Full shapes of objects: decoded once, then carried along with the code, which moves like the object."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+
+from neuse.embedding.code import Code
+from neuse.errors import MeshError, NeuseError
+from neuse.geometry import Array, inverse, make_transform, transform_points
+
+Reconstruct = Callable[[Code], trimesh.Trimesh]
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box along the axes of an object's frame: p_map = T_map_box @ p_box, |p_box| <= size / 2."""
+
+    T_map_box: Array
+    size: Array
+
+    @property
+    def center(self) -> Array:
+        """(3,) map frame."""
+        return self.T_map_box[:3, 3]
+
+    @property
+    def volume(self) -> float:
+        """Cubic metres."""
+        return float(np.prod(self.size))
+
+    @property
+    def radius(self) -> float:
+        """Half the diagonal, metres."""
+        return float(np.linalg.norm(self.size) / 2)
+
+    def moved(self, T_map_map: Array) -> "Box":
+        """The box after a motion of the map frame's points."""
+        return Box(T_map_map @ self.T_map_box, self.size)
+
+
+def bounding_box(points: Array, T_map_object: Array) -> Box:
+    """Smallest box around points (n, 3), map frame, along the axes of the object's frame."""
+    in_object = transform_points(inverse(T_map_object), points)
+    low, high = in_object.min(axis=0), in_object.max(axis=0)
+    T_object_box = make_transform(np.eye(3), (low + high) / 2)
+    return Box(T_map_object @ T_object_box, high - low)
+
+
+@dataclass(frozen=True)
+class _Decoded:
+    """A mesh and its box in the map frame, as they were when `code` was decoded."""
+
+    code: Code
+    mesh: trimesh.Trimesh
+    box: Box
+
+
+class MeshCache:
+    """Meshes and boxes by object id; decoded anew only when the shape in the code has changed noticeably."""
+
+    def __init__(self, reconstruct: Mapping[str, Reconstruct], redecode_rms_m: float) -> None:
+        self._reconstruct = reconstruct
+        self._redecode_rms_m = redecode_rms_m
+        self._decoded: dict[int, _Decoded] = {}
+
+    def mesh(self, object_id: int, code: Code) -> trimesh.Trimesh:
+        """Full shape of the code, in the code's frame.
+
+        Raises:
+            MeshError: no decoder for the category.    NeuseError: whatever the decoder refuses.
+        """
+        decoded, T_now_then = self._up_to_date(object_id, code)
+        mesh = decoded.mesh.copy()
+        mesh.apply_transform(T_now_then)
+        return mesh
+
+    def box(self, object_id: int, code: Code, points: Array) -> Box:
+        """Box of the full shape; of the observed points (n, 3) where the code cannot be decoded."""
+        try:
+            decoded, T_now_then = self._up_to_date(object_id, code)
+        except NeuseError:
+            return bounding_box(points, code.T_frame_object)
+        return decoded.box.moved(T_now_then)
+
+    def forget(self, object_id: int) -> None:
+        """Drop an object that left the map."""
+        self._decoded.pop(object_id, None)
+
+    def _up_to_date(self, object_id: int, code: Code) -> tuple[_Decoded, Array]:
+        """The decoded shape, and T_now_then that carries it to where the code is now."""
+        decoded = self._decoded.get(object_id)
+        if decoded is not None:
+            T_now_then, rms_m = align_points(decoded.code.z, code.z)
+            if rms_m <= self._redecode_rms_m:
+                return decoded, T_now_then
+        decoded = self._decode(code)
+        self._decoded[object_id] = decoded
+        return decoded, np.eye(4)
+
+    def _decode(self, code: Code) -> _Decoded:
+        if code.category not in self._reconstruct:
+            known = ", ".join(sorted(self._reconstruct)) or "none"
+            raise MeshError(f"no decoder for category {code.category!r}; known: {known}")
+        mesh = self._reconstruct[code.category](code)
+        return _Decoded(code, mesh, bounding_box(np.asarray(mesh.vertices), code.T_frame_object))
+
+
+def align_points(source: Array, target: Array) -> tuple[Array, float]:
+    """Rigid T_target_source of corresponding points (n, 3), Horn's method, and the remaining rms, metres."""
+    source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
+    U, _, Vt = np.linalg.svd((target - target_mean).T @ (source - source_mean))
+    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    T_target_source = make_transform(R, target_mean - R @ source_mean)
+    residual = transform_points(T_target_source, source) - target
+    return T_target_source, float(np.sqrt((residual**2).sum(axis=1).mean()))
