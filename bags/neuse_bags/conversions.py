@@ -4,37 +4,21 @@ from array import array
 from collections.abc import Iterable
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from nav_msgs.msg import Odometry
+from neuse_encoder_node.conversions import header_to_msg, stamp_from_msg
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
 from neuse.evaluation.truth import TrueObject
 from neuse.geometry import Array, quaternion_xyzw, transform_from_quaternion
-from neuse.records import ChangeKind, Instance, Intrinsics
+from neuse.records import ChangeKind, Intrinsics
 from neuse.records import ObjectChange as ObjectChangeRecord
-from neuse_msgs.msg import Code, InstanceArray, MapObject, ObjectChange, ObjectMap
-from neuse_msgs.msg import Instance as InstanceMsg
+from neuse_msgs.msg import Code, MapObject, ObjectChange, ObjectMap
 
 CAMERA_FRAME = "camera_optical_frame"
 WORLD_FRAME = "world"
 _ENCODINGS = {"mono8": np.uint8, "16UC1": np.uint16, "rgb8": np.uint8}
-
-
-def header_to_msg(stamp_ns: int, frame_id: str) -> Header:
-    """Header of one instant and frame."""
-    return Header(stamp=stamp_to_msg(stamp_ns), frame_id=frame_id)
-
-
-def stamp_to_msg(stamp_ns: int) -> Time:
-    """Integer nanoseconds as a message stamp."""
-    return Time(sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
-
-
-def stamp_from_msg(stamp: Time) -> int:
-    """A message stamp as integer nanoseconds."""
-    return stamp.sec * 10**9 + stamp.nanosec
 
 
 def image_to_msg(pixels: np.ndarray, encoding: str, header: Header) -> Image:
@@ -71,12 +55,6 @@ def camera_info_to_msg(intrinsics: Intrinsics, header: Header) -> CameraInfo:
         r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
         p=[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
     )
-
-
-def instances_to_msg(instances: Iterable[Instance], header: Header) -> InstanceArray:
-    """The instances of a mask."""
-    entries = [InstanceMsg(label=i.label, category=i.category, score=float(i.score)) for i in instances]
-    return InstanceArray(header=header, instances=entries)
 
 
 def pose_to_msg(T_target_source: Array) -> Pose:

@@ -1,14 +1,14 @@
 """People's own pictures: a folder of colour, depth and mask PNGs with frames.json.
 
-frames.json          {"intrinsics": {"width", "height", "fx", "fy", "cx", "cy"},
-                      "frames": [{"frame": 0, "instances": [{"id": 1, "category": "mug"}, ...]}, ...]}
-                     optional: "rate_hz" (10), "depth_scale_m" (0.001); in a frame "stamp_s" (frame / rate_hz),
-                     in an instance "score" (1)
-00_depth.png         16 bit, in units of depth_scale_m, 0 = no reading; NN is the frame with two digits or more
-00_mask.png          8 or 16 bit, 0 = background, else the id of an instance
-00_color.png         8 bit, may be missing
-odometry.tum         optional: poses of the camera, lines `stamp_s x y z qx qy qz qw`
-ground_truth.tum     optional: the same, for the evaluation only
+frames.json        {"intrinsics": {"width", "height", "fx", "fy", "cx", "cy"},
+                    "frames": [{"frame": 0, "instances": [{"id": 1, "category": "mug"}, ...]}, ...]}
+                   optional: "rate_hz" (10), "depth_scale_m" (0.001); in a frame "stamp_s"
+                   (frame / rate_hz), in an instance "score" (1)
+00_depth.png       16 bit, in units of depth_scale_m, 0 = no reading; 00 is the frame, at least two digits
+00_mask.png        8 or 16 bit, 0 = background, else the id of an instance
+00_color.png       8 bit, may be missing
+odometry.tum       optional: poses of the camera, lines `stamp_s x y z qx qy qz qw`
+ground_truth.tum   optional: the same, for the evaluation only
 """
 
 import json
@@ -72,7 +72,7 @@ class PictureFolder:
             bits = " or ".join(str(np.dtype(kind).itemsize * 8) for kind in kinds)
             raise InputError(
                 "unequal_size",
-                f"{path} is {_size(pixels)}; by frames.json it should be {expected[1]} x {expected[0]} pixels, "
+                f"{path} is {_size(pixels)}; frames.json wants {expected[1]} x {expected[0]} pixels, "
                 f"{channels} channel(s) of {bits} bit",
             )
         return pixels

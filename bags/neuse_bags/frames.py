@@ -1,17 +1,26 @@
 """Segmented RGB-D frames in bags, both ways: written topic by topic, read back joined by their stamps."""
 
-from neuse.records import RgbdFrame
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from neuse_encoder_node.conversions import frame_from_msgs, header_to_msg, instances_to_msg, stamp_from_msg
+from neuse_encoder_node.stamps import StampJoin
+
+from neuse.errors import InputError
+from neuse.records import OdometrySample, RgbdFrame
 from neuse_bags import topics
 from neuse_bags.conversions import (
     CAMERA_FRAME,
     camera_info_to_msg,
     depth_to_msg,
-    header_to_msg,
     image_to_msg,
-    instances_to_msg,
     mask_to_msg,
+    pose_from_msg,
 )
-from neuse_bags.mcap_file import BagWriter
+from neuse_bags.mcap_file import BagReader, BagWriter
+
+JOINED = tuple(topic.name for topic in (topics.DEPTH, topics.MASK, topics.INSTANCES, topics.DEPTH_INFO))
+JOIN_CAPACITY = 100
 
 
 def write_frame(writer: BagWriter, frame: RgbdFrame) -> None:
@@ -25,3 +34,46 @@ def write_frame(writer: BagWriter, frame: RgbdFrame) -> None:
     if frame.color is not None:
         writer.write(topics.COLOR.name, image_to_msg(frame.color, "rgb8", header), frame.stamp_ns)
         writer.write(topics.COLOR_INFO.name, info, frame.stamp_ns)
+
+
+def read_frames(bag: BagReader, on_fault: Callable[[InputError], None]) -> Iterator[RgbdFrame]:
+    """The frames of a bag, without colour; what cannot be used is told to `on_fault` and left out.
+
+    Raises:
+        BagError: a topic is missing, or the bag is damaged.
+    """
+    bag.require(JOINED)
+    join = StampJoin(JOINED, JOIN_CAPACITY)
+    for message in bag.messages(JOINED):
+        decoded = message.decode()
+        joined = join.add(message.topic, stamp_from_msg(decoded.header.stamp), decoded)
+        for stamp_ns, missing in join.take_lost():
+            on_fault(InputError("incomplete_frame", f"frame {stamp_ns} ns lacks {', '.join(missing)}"))
+        if joined is None:
+            continue
+        try:
+            yield frame_from_msgs(*joined)
+        except InputError as error:
+            on_fault(error)
+
+
+class OdometryTrack:
+    """All odometry of a bag; the sample nearest to a stamp is the one that belongs to a frame."""
+
+    def __init__(self, samples: Sequence[OdometrySample]) -> None:
+        self._samples = samples
+        self._stamps_ns = np.array([sample.stamp_ns for sample in samples], dtype=np.int64)
+
+    def at(self, stamp_ns: int) -> OdometrySample | None:
+        """The nearest sample, None where there is no odometry at all; the tracker judges its age."""
+        if not self._samples:
+            return None
+        return self._samples[int(np.argmin(np.abs(self._stamps_ns - stamp_ns)))]
+
+
+def read_odometry(bag: BagReader) -> OdometryTrack:
+    """The odometry of a bag; empty where it has none."""
+    messages = (message.decode() for message in bag.messages([topics.ODOMETRY.name]))
+    return OdometryTrack(
+        [OdometrySample(stamp_from_msg(m.header.stamp), pose_from_msg(m.pose.pose)) for m in messages]
+    )

@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from threading import Event
 
+from neuse_encoder_node.conversions import stamp_to_msg
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -20,7 +21,6 @@ from rosgraph_msgs.msg import Clock
 
 from neuse.errors import BagError, ParamError
 from neuse_bags.cli import command_parser, ros_node, run_command, stop_on_signal
-from neuse_bags.conversions import stamp_to_msg
 from neuse_bags.definitions import message_class
 from neuse_bags.mcap_file import BagReader, BagTopic
 from neuse_bags.qos import RELIABLE, SENSOR

@@ -1,6 +1,6 @@
 """Simulate a world and write it as a bag: camera, segmentation, odometry and ground truth.
 
-The same PRESET and --seed give the same bag. Ground truth lies under ground_truth/ and only evaluate reads it.
+The same PRESET and --seed give the same bag. Ground truth lies under ground_truth/; only evaluate reads it.
 Ctrl-C leaves a whole bag of the frames so far, and exit code 130.
 """
 
@@ -27,7 +27,7 @@ CLEARLY_SEEN_PX = 600
 
 
 class TruthWriter:
-    """Writes ground truth beside the frames, and counts how often each object is clearly seen at its place."""
+    """Writes ground truth beside the frames; counts how often each object is clearly seen at its place."""
 
     def __init__(self, writer: BagWriter) -> None:
         self._writer = writer

@@ -1,4 +1,4 @@
-"""Figures of the report: trajectory over ground truth, the map from above with close-ups, before and after."""
+"""Figures of the report: path over ground truth, map from above with close-ups, before and after."""
 
 from collections.abc import Sequence
 from io import BytesIO

@@ -1,4 +1,4 @@
-"""Pictures of meshes by ray casting: orthographic, smooth shading, one lamp with shadows, a plane to stand on."""
+"""Pictures of meshes by ray casting: orthographic, smooth, one lamp with shadows, a plane to stand on."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class ColoredMesh:
 
 @dataclass(frozen=True)
 class View:
-    """An orthographic camera: p_world = T_world_camera @ p_camera; the picture covers size_m around its axis."""
+    """An orthographic camera: p_world = T_world_camera @ p_camera; it covers size_m around its axis."""
 
     T_world_camera: Array
     size_m: tuple[float, float]

@@ -10,12 +10,11 @@ from typing import Any
 
 from neuse.evaluation.estimate import REPORTED_STAGES, Estimate
 from neuse.evaluation.evaluation import Evaluation
-from neuse.evaluation.pose_errors import TrajectoryErrors
 from neuse.records import EdgeKind, MapObject, ObjectStatus
 
 STYLE = """body { font: 15px/1.5 system-ui, sans-serif; max-width: 68em; margin: 2em auto; color: #222 }
 table { border-collapse: collapse; margin: 1em 0 } td, th { border: 1px solid #ccc; padding: .25em .7em }
-th { background: #f3f3f3; text-align: left } img { max-width: 100%; margin: .5em 0 } h2 { margin-top: 1.6em }"""
+th { background: #f3f3f3; text-align: left } img { max-width: 100% } h2 { margin-top: 1.6em }"""
 
 
 def report_dict(estimate: Estimate, evaluation: Evaluation | None) -> dict[str, Any]:
@@ -43,14 +42,10 @@ def _trajectory_part(evaluation: Evaluation | None) -> dict[str, Any]:
         "ate_online_rmse_m": evaluation.online.ate_rmse_m if evaluation else None,
         "rpe_trans_rmse_m": errors.rpe_trans_rmse_m if errors else None,
         "rpe_trans_per_m_rmse_m": errors.rpe_per_m_rmse_m if errors else None,
-        "traversals": [_traversal_part(part) for part in evaluation.traversals] if evaluation else [],
+        "ate_rmse_m_per_traversal": [part and part.ate_rmse_m for part in evaluation.traversals]
+        if evaluation
+        else None,
     }
-
-
-def _traversal_part(errors: TrajectoryErrors | None) -> dict[str, Any]:
-    if errors is None:
-        return {"frames": 0, "ate_rmse_m": None}
-    return {"frames": len(errors.ate_m), "ate_rmse_m": errors.ate_rmse_m}
 
 
 def _changes_part(estimate: Estimate, evaluation: Evaluation | None) -> dict[str, Any]:
@@ -60,7 +55,7 @@ def _changes_part(estimate: Estimate, evaluation: Evaluation | None) -> dict[str
 
 
 def _objects_part(estimate: Estimate, evaluation: Evaluation | None) -> dict[str, Any]:
-    """Objects clearly seen where they stand at the end, and how many of them the map has; see `score_objects`."""
+    """Objects clearly seen where they stand at the end, and how many of them are mapped."""
     if evaluation is None:
         return {"true": None, "mapped": len(present_objects(estimate))}
     return asdict(evaluation.objects)
@@ -92,7 +87,7 @@ def write_json(path: Path, report: Mapping[str, Any]) -> None:
 
 def summary_rows(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     """The figures that matter most, as (name, value) for people."""
-    traversals = [part["ate_rmse_m"] for part in report["traversals"]]
+    traversals = report["ate_rmse_m_per_traversal"] or []
     changes, objects, edges = report["changes"], report["objects"], report["edges"]
     return [
         ("frames", f"{report['frames']} ({report['blind_pairs']} pairs joined by odometry alone)"),

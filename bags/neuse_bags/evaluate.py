@@ -1,0 +1,55 @@
+"""Compare what a run recorded with ground truth, and write report, tables and pictures into a folder.
+
+DIR gets report.json, report.html, trajectory.tum, edges.csv, changes.json, trajectory.png and map.png. Places in the
+map are compared with the world through the SE(3) alignment of the final camera path.
+"""
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+
+import neuse
+from neuse.errors import NeuseError
+from neuse.evaluation.estimate import Estimate
+from neuse.evaluation.map_scene import Reconstruct
+from neuse.evaluation.outputs import write_outputs
+from neuse.evaluation.report import summary_text
+from neuse_bags.cli import command_parser, run_command
+from neuse_bags.recording import read_estimate, read_truth
+
+
+def evaluate(args: argparse.Namespace) -> None:
+    """The command."""
+    print(evaluate_recording(args.recording, args.truth, args.out))
+
+
+def evaluate_recording(recording: Path, truth_bag: Path, folder: Path) -> str:
+    """Write all outputs of a recorded run; returns the summary for people."""
+    estimate, truth = read_estimate(recording), read_truth(truth_bag)
+    report = write_outputs(folder, recording.stem, estimate, truth, _decoders(estimate))
+    return summary_text(report)
+
+
+def _decoders(estimate: Estimate) -> Mapping[str, Reconstruct]:
+    """Shipped decoders of the categories in the map; objects of others are drawn as boxes."""
+    decoders = {}
+    for category in {item.category for item in estimate.final_map().objects}:
+        try:
+            decoders[category] = neuse.load_embedding(category).reconstruct
+        except NeuseError as error:
+            print(f"evaluate: objects of category {category} are drawn as boxes: {error}")
+    return decoders
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of the command."""
+    made = command_parser("evaluate", __doc__)
+    made.add_argument("recording", type=Path, metavar="RECORDING", help="bag with the topics of a run")
+    made.add_argument("--truth", type=Path, required=True, metavar="BAG", help="bag with ground truth")
+    made.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write into")
+    return made
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Entry point."""
+    return run_command(parser(), evaluate, argv)
