@@ -1,0 +1,125 @@
+"""The embedding of one category as users meet it: clouds to codes, codes to meshes."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+import trimesh
+from numpy.typing import ArrayLike
+
+from neuse.embedding.code import Code
+from neuse.embedding.encoder import Encoding
+from neuse.embedding.network import UNIT_M, Network, load_network
+from neuse.embedding.reconstruction import reconstruct
+from neuse.errors import InputError, WeightsError
+from neuse.geometry import Array
+
+WEIGHTS = Path(__file__).parent.parent / "weights"
+MIN_POINTS = 8
+SIGMA_FLOOR = np.array([1e-3] * 3 + [2e-4] * 3)  # rad, m
+
+
+def shipped_categories() -> tuple[str, ...]:
+    """Categories whose weights come with the library."""
+    return tuple(sorted(path.stem for path in WEIGHTS.glob("*.safetensors")))
+
+
+def load_embedding(name: str | Path) -> "Embedding":
+    """The embedding of a shipped category ("mug", "bottle"), or of a weights file.
+
+    Raises:
+        WeightsError: neither a shipped category nor a readable weights file.
+    """
+    path = Path(name)
+    if path.suffix == ".safetensors":
+        return Embedding(load_network(path))
+    if str(name) not in shipped_categories():
+        known = ", ".join(shipped_categories()) or "none"
+        raise WeightsError(
+            f"no weights for category {str(name)!r}; shipped: {known}; or give a .safetensors file"
+        )
+    return Embedding(load_network(WEIGHTS / f"{name}.safetensors", str(name)))
+
+
+class Embedding:
+    """Latent codes of partial clouds of one category, and full shapes of latent codes (NeuSE section III)."""
+
+    def __init__(self, network: Network) -> None:
+        self.network = network.eval()
+
+    @property
+    def category(self) -> str:
+        """What the network was trained on."""
+        return self.network.category
+
+    @property
+    def ambiguous(self) -> bool:
+        """Whether a turn about the axis cannot be seen."""
+        return self.network.ambiguous
+
+    def encode(self, clouds: Sequence[ArrayLike]) -> list[Code]:
+        """Codes of partial clouds, all in one forward pass (eq. 4); equivariant to rotations and translations.
+
+        Args:
+            clouds: (n_i, 3) points, metres, any common frame; background points should have been dropped.
+        Returns:
+            One code a cloud, in the frame of the clouds.
+        Raises:
+            InputError: a cloud of another shape, with fewer than 8 points or with points that are not finite.
+        """
+        if len(clouds) == 0:
+            return []
+        arrays = [_checked(cloud, index) for index, cloud in enumerate(clouds)]
+        centers = np.stack([array.mean(axis=0) for array in arrays])
+        batch = np.stack([self._sample(array - c) for array, c in zip(arrays, centers, strict=True)])
+        with torch.inference_mode():
+            encoding = self.network.encode(torch.from_numpy(batch))
+            z = self.network.latent(encoding).mT.double().numpy() * UNIT_M  # (B, k, 3)
+        return self._codes(encoding, z + centers[:, None])
+
+    def reconstruct(self, code: Code, resolution_m: float = 0.0025) -> trimesh.Trimesh:
+        """The full shape of a code as a closed mesh, in the frame of the code.
+
+        Raises:
+            InputError: the code is of another category, or decodes to nothing.
+        """
+        if code.category != self.category:
+            raise InputError("category", f"a {self.category} decoder was given the code of a {code.category}")
+        return reconstruct(self.network, code, resolution_m)
+
+    def _sample(self, cloud: Array) -> np.ndarray:
+        """(n_points, 3) float32 in network units, spread evenly over the order of the cloud, then shuffled."""
+        n, wanted = len(cloud), self.network.config.n_points
+        even = (
+            np.linspace(0, n - 1, wanted).round().astype(int)
+            if n > wanted
+            else np.resize(np.arange(n), wanted)
+        )
+        shuffled = np.random.default_rng(0).permutation(wanted)
+        return (cloud[even[shuffled]] / UNIT_M).astype(np.float32)
+
+    def _codes(self, encoding: Encoding, z: Array) -> list[Code]:
+        sigmas = torch.exp(encoding.log_sigmas.clamp(-8, 3)) * self.network.sigma_scale
+        sigmas_si = np.maximum(sigmas.double().numpy() * ([1.0] * 3 + [UNIT_M] * 3), SIGMA_FLOOR)
+        sigmas_si[:, :3] = np.minimum(sigmas_si[:, :3], np.pi)
+        if self.ambiguous:
+            sigmas_si[:, 2] = np.pi
+        descriptors = encoding.descriptor.double().numpy()
+        return [
+            Code(self.category, self.ambiguous, *fields)
+            for fields in zip(z, descriptors, sigmas_si, strict=True)
+        ]
+
+
+def _checked(cloud: ArrayLike, index: int) -> Array:
+    array = np.asarray(cloud, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InputError("cloud_shape", f"cloud {index} has shape {array.shape}, expected (n, 3)")
+    if len(array) < MIN_POINTS:
+        raise InputError(
+            "too_few_points", f"cloud {index} has {len(array)} points, at least {MIN_POINTS} needed"
+        )
+    if not np.isfinite(array).all():
+        raise InputError("not_finite", f"cloud {index} has points that are not finite; drop them first")
+    return array

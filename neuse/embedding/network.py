@@ -1,0 +1,99 @@
+"""Encoder and decoder of one category, and the weights file that holds them (safetensors: data only, nothing runs)."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import safetensors
+import torch
+from safetensors.torch import save_file
+from torch import Tensor, nn
+
+from neuse.embedding.code import landmark_template
+from neuse.embedding.decoder import Decoder
+from neuse.embedding.encoder import Encoder, EncoderConfig, Encoding
+from neuse.embedding.local_geometry import local_geometry
+from neuse.errors import WeightsError
+
+FORMAT_VERSION = "1"
+UNIT_M = 0.1  # network units are decimetres
+
+
+class Network(nn.Module):
+    """f_theta and Phi of one category (NeuSE eq. 2).
+
+    sigma_scale: (6,) factors that make the predicted standard deviations right on held-out shapes.
+    occupancy_logit: the threshold v_0 as a logit, the one of least surface error on held-out shapes.
+    """
+
+    sigma_scale: Tensor
+    occupancy_logit: Tensor
+    template: Tensor
+
+    def __init__(self, category: str, ambiguous: bool, config: EncoderConfig | None = None) -> None:
+        super().__init__()
+        self.category, self.ambiguous, self.config = category, ambiguous, config or EncoderConfig()
+        self.encoder = Encoder(self.config, ambiguous)
+        self.decoder = Decoder(self.config.n_latent)
+        self.register_buffer("sigma_scale", torch.ones(6))
+        self.register_buffer("occupancy_logit", torch.zeros(()))
+        template = torch.tensor(landmark_template(self.config.n_latent), dtype=torch.float32)
+        self.register_buffer("template", template, persistent=False)
+
+    def encode(self, points: Tensor, n_anchors: int | None = None) -> Encoding:
+        """(B, N, 3) centred clouds in network units -> Encoding."""
+        return self.encoder(*local_geometry(points, n_anchors or self.config.n_anchors))
+
+    def latent(self, encoding: Encoding) -> Tensor:
+        """z_0 of the paper: (B, 3, k) landmarks c + E a_j, then the free points; relative to the partial centre."""
+        center, axes = encoding.frame[..., :1], encoding.frame[..., 1:]
+        return torch.cat([center + axes @ self.template.T, encoding.free], -1)
+
+
+def save_network(network: Network, path: Path, card: dict[str, object]) -> None:
+    """Write weights with what is needed to rebuild the network; `card` says how they came about."""
+    metadata = {
+        "format_version": FORMAT_VERSION,
+        "category": network.category,
+        "ambiguous": json.dumps(network.ambiguous),
+        "config": json.dumps(dataclasses.asdict(network.config)),
+        "card": json.dumps(card),
+    }
+    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()}
+    save_file(tensors, path, metadata)
+
+
+def load_network(path: Path, category: str | None = None) -> Network:
+    """Read a weights file; `category` refuses one that was made for something else.
+
+    Raises:
+        WeightsError: missing, damaged, of another version or category, or tensors that do not fit.
+    """
+    try:
+        with safetensors.safe_open(path, "pt") as file:
+            metadata = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (OSError, safetensors.SafetensorError) as error:
+        raise WeightsError(f"cannot read weights {path}: {error}; train them with `make train`") from error
+    if metadata.get("format_version") != FORMAT_VERSION:
+        found = metadata.get("format_version")
+        raise WeightsError(f"{path} has format version {found!r}, this library reads {FORMAT_VERSION!r}")
+    if category is not None and metadata["category"] != category:
+        raise WeightsError(f"{path} holds category {metadata['category']!r}, not {category!r}")
+    return _rebuild(path, metadata, tensors)
+
+
+def read_card(path: Path) -> dict[str, object]:
+    """How the weights in `path` came about: recipe, data, seed, commit, figures."""
+    with safetensors.safe_open(path, "pt") as file:
+        return json.loads((file.metadata() or {}).get("card", "{}"))
+
+
+def _rebuild(path: Path, metadata: dict[str, str], tensors: dict[str, Tensor]) -> Network:
+    try:
+        config = EncoderConfig(**json.loads(metadata["config"]))
+        network = Network(metadata["category"], json.loads(metadata["ambiguous"]), config)
+        network.load_state_dict(tensors)
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise WeightsError(f"weights {path} do not fit the network: {error}") from error
+    return network.eval()
