@@ -87,6 +87,22 @@ def reduce_codes(codes: Sequence[Code], params: SigmaParams | None = None) -> Ob
     return ObjectFrames(vectors, _noise(vectors, sigmas), sigmas, ambiguous)
 
 
+def frames_at(vectors: Array, sigmas: Array, ambiguous: np.ndarray) -> ObjectFrames:
+    """Object frames at known places: vectors (3, n, 3), the same (6,) sigmas for all."""
+    sigmas = np.tile(sigmas, (vectors.shape[1], 1))
+    return ObjectFrames(vectors, _noise(vectors, sigmas), sigmas, ambiguous)
+
+
+def join_frames(parts: Sequence[ObjectFrames]) -> ObjectFrames:
+    """All objects of several parts, in their order."""
+    return ObjectFrames(
+        np.concatenate([part.vectors for part in parts], axis=1),
+        np.concatenate([part.noise for part in parts], axis=1),
+        np.concatenate([part.sigmas for part in parts]),
+        np.concatenate([part.ambiguous for part in parts]),
+    )
+
+
 def is_usable(code: Code) -> bool:
     """Whether every number of the code is finite and its sigmas are positive."""
     numbers_finite = np.isfinite(code.z).all() and np.isfinite(code.descriptor).all()
@@ -116,7 +132,7 @@ def _centers_and_axes(codes: Sequence[Code]) -> tuple[Array, Array]:
     sizes = np.array([len(code.z) for code in codes])
     for k in np.unique(sizes):
         index, template = np.flatnonzero(sizes == k), landmark_template(int(k))
-        landmarks = np.stack([codes[i].landmarks for i in index])  # (n_k, k // 2, 3)
+        landmarks = np.stack([codes[i].landmarks for i in index.tolist()])  # (n_k, k // 2, 3)
         centers[index] = landmarks.mean(axis=1)
         axes[index] = (landmarks - centers[index, None]).transpose(0, 2, 1) @ template * (3.0 / len(template))
     return centers, axes

@@ -17,14 +17,18 @@ NANOSECONDS = 1e-9
 class OdometryParams(CheckedParams):
     """How odometry is used and how far it is trusted."""
 
-    use: str = param("always", "always: an odometry edge between all keyframes; blind: only where no object ties them")
+    use: str = param(
+        "always", "always: an odometry edge between all keyframes; blind: only where no object ties them"
+    )
     sigma_rotation_rad: float = param(0.003, "noise of an increment from frame to frame, rad", 1e-6, 1.0)
     sigma_translation_m: float = param(0.05, "noise of an increment from frame to frame, metres", 1e-6, 10.0)
     max_age_s: float = param(0.05, "a sample further than this from the frame's stamp is not used", 0.0, 10.0)
     max_speed_mps: float = param(5.0, "a faster increment is a jump", 0.01, 1000.0)
     max_rate_radps: float = param(6.0, "a faster turn is a jump", 0.01, 1000.0)
     free_speed_mps: float = param(0.5, "sigma of the camera's speed where there is no odometry", 0.001, 100.0)
-    free_rate_radps: float = param(0.5, "sigma of the camera's turn rate where there is no odometry", 0.001, 100.0)
+    free_rate_radps: float = param(
+        0.5, "sigma of the camera's turn rate where there is no odometry", 0.001, 100.0
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -54,9 +58,9 @@ class OdometryTracker:
     counters: how often samples were refused, by reason.
     """
 
-    def __init__(self, params: OdometryParams | None = None) -> None:
-        self.params = params or OdometryParams()
-        self.counters: Counter[str] = Counter()
+    def __init__(self, params: OdometryParams, counters: Counter[str]) -> None:
+        self.params = params
+        self.counters = counters
         self._last: OdometrySample | None = None
         self._segment = 0
         self._index = 0
@@ -65,7 +69,7 @@ class OdometryTracker:
         """The fix for a frame, or None where there is no sample that can be used."""
         self._index += 1
         fault = self._fault(sample, frame_stamp_ns)
-        if fault is not None or sample is None:
+        if sample is None or fault is not None:
             self.counters[fault or "odometry_missing"] += 1
             return None
         if self._is_jump(sample):
@@ -84,12 +88,14 @@ class OdometryTracker:
 
     def free_motion(self, duration_s: float) -> Motion:
         """What is known of a motion without odometry: it was not fast."""
-        sigmas = np.repeat([self.params.free_rate_radps, self.params.free_speed_mps], 3) * max(duration_s, 1e-3)
+        sigmas = np.repeat([self.params.free_rate_radps, self.params.free_speed_mps], 3) * max(
+            duration_s, 1e-3
+        )
         return Motion(np.eye(4), np.diag(sigmas**2))
 
     def _fault(self, sample: OdometrySample | None, frame_stamp_ns: int) -> str | None:
         if sample is None:
-            return "odometry_missing"
+            return None
         if not is_rigid(sample.T_odom_camera):
             return "odometry_not_rigid"
         if self._last is not None and sample.stamp_ns < self._last.stamp_ns:

@@ -23,7 +23,9 @@ class SolverParams(CheckedParams):
 
     cauchy_sigmas: float = param(1.0, "scale of the Cauchy kernel on sightings, sigmas", 0.1, 100.0)
     huber_sigmas: float = param(1.345, "threshold of the Huber kernel on edges, sigmas", 0.1, 100.0)
-    relinearize_m_rad: float = param(0.005, "iSAM2 relinearises what moves more than this, m or rad", 1e-6, 1.0)
+    relinearize_m_rad: float = param(
+        0.005, "iSAM2 relinearises what moves more than this, m or rad", 1e-6, 1.0
+    )
     closure_iterations: int = param(3, "iSAM2 iterations after a loop closure", 1, 50)
     window_iterations: int = param(20, "most Levenberg-Marquardt iterations in the window", 1, 100)
 
@@ -131,7 +133,7 @@ class SlidingWindow:
 
 def edge_factor(edge: Edge, huber_sigmas: float | None) -> gtsam.BetweenFactorPose3:
     """p_from = T_from_to @ p_to as a factor on both poses."""
-    noise = gtsam.noiseModel.Gaussian.Covariance(edge.covariance)
+    noise: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Covariance(edge.covariance)
     if huber_sigmas is not None:
         noise = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(huber_sigmas), noise)
     return gtsam.BetweenFactorPose3(

@@ -1,0 +1,308 @@
+"""Data association: which known object is each observation (NeuSE IV-B, by consistency of the whole frame).
+
+The paper matches one object at a time, and for a lone mug its test is nearly vacuous: the transform that is tested
+comes from the very pair (see nearest.py). Here all objects of a frame vote together: pairs of observation and track
+that agree in shape and lie within the place gate are vertices of a graph, edges join pairs with equal mutual distance
+and direction, and the heaviest clique is the answer. The gate opens with the drift since an object was seen; the wider
+it is, the more objects must agree. Without any prior pose, three must.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from neuse.embedding.code import Code
+from neuse.errors import DegenerateGeometryError
+from neuse.geometry import Array, inverse, rotation_angle
+from neuse.params import CheckedParams, param
+from neuse.slam.checks import check_choice
+from neuse.slam.clique import max_weight_clique
+from neuse.slam.library import Track, places_of, similarity
+from neuse.slam.localization import Belief, to_camera
+from neuse.slam.object_frames import ObjectFrames, frames_at
+from neuse.slam.registration import align_frames
+
+GATE_SIGMAS = 3.0
+PLACE_SIGMAS = np.array(
+    [0.02, 0.02, 0.1, 0.005, 0.005, 0.005]
+)  # of the library's objects, as ObjectFrames.sigmas
+
+
+@dataclass(frozen=True)
+class AssociationParams(CheckedParams):
+    """When an observation is a known object."""
+
+    method: str = param(
+        "clique", "clique: all objects of a frame together; nearest: the paper's rule, one by one"
+    )
+    delta_shape: float = param(0.95, "least cosine of descriptors of one object (paper: 0.95)", -1.0, 1.0)
+    delta_shape_in_place: float = param(
+        0.8, "the same for an object seen exactly where it is known to stand", -1.0, 1.0
+    )
+    delta_prox_m: float = param(
+        0.03, "place gate for a perfectly known camera pose, metres (paper: 0.03)", 0.001, 1.0
+    )
+    max_gate_m: float = param(1.0, "the place gate opens no wider, metres", 0.01, 100.0)
+    alone_gate_m: float = param(0.25, "up to this gate one object may match alone, metres", 0.0, 100.0)
+    pair_gate_m: float = param(0.6, "up to this gate two objects may match together, metres", 0.0, 100.0)
+    clique_tolerance_m: float = param(0.02, "two distances are equal within this, metres", 0.001, 1.0)
+    clique_tolerance_rad: float = param(
+        0.35, "two angles between axes are equal within this, rad", 0.01, 3.15
+    )
+    max_rms_m: float = param(0.015, "residual of a match without prior pose, metres", 0.001, 1.0)
+    max_candidates: int = param(
+        20, "most similar tracks considered per observation without prior pose", 1, 1000
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_choice("method", self.method, ("clique", "nearest"))
+
+
+@dataclass(frozen=True)
+class View:
+    """The usable observations of one frame, reduced."""
+
+    codes: tuple[Code, ...]
+    frames: ObjectFrames
+    partial_centers: Array
+
+    def __len__(self) -> int:
+        return len(self.codes)
+
+
+@dataclass(frozen=True)
+class Association:
+    """tracks: the match of every observation, or None.    T_map_camera: set where the frame was relocalised."""
+
+    tracks: tuple[Track | None, ...]
+    T_map_camera: Array | None = None
+
+
+@dataclass(frozen=True)
+class _Pairs:
+    """p possible matches: observation `rows`, track `columns`, place gate (m) and distance over gate."""
+
+    rows: np.ndarray
+    columns: np.ndarray
+    gates_m: Array
+    weights: Array
+
+
+def associate(
+    view: View, tracks: Sequence[Track], drift: Array, prediction: Belief, params: AssociationParams
+) -> Association:
+    """Match the observations of a frame jointly.
+
+    Args:
+        drift: (m, 2) variances (rad^2, m^2) of the camera relative to each track (`library.drift_between`).
+        prediction: the expected camera pose; its uncertainty is in `drift`.
+    """
+    places, shapes = places_of(tracks), similarity(view.codes, tracks)
+    pairs = _tracked_pairs(view, places, shapes, drift, prediction.T_map_camera, params)
+    matches = _heaviest_tracked(view, places, pairs, drift, prediction.T_map_camera, params)
+    free = [i for i in range(len(view)) if i not in matches]
+    found, T_map_camera = _relocalize(view, tracks, places, shapes, free, matches, params)
+    if T_map_camera is not None and _is_plausible(
+        T_map_camera, prediction.T_map_camera, drift, found, params
+    ):
+        return Association(_as_tuple(matches | found, tracks, len(view)), T_map_camera)
+    return Association(_as_tuple(matches, tracks, len(view)))
+
+
+def complete(
+    view: View,
+    matched: Sequence[Track | None],
+    tracks: Sequence[Track],
+    belief: Belief,
+    params: AssociationParams,
+) -> tuple[Track | None, ...]:
+    """Matches once the pose is known: contradicting ones go, free observations take what stands in their place.
+
+    Unambiguous objects choose first, then the nearest (NeuSE IV-B).
+    """
+    offsets_m, gates_m = _offsets_and_gates(view, tracks, belief, params)
+    shapes = similarity(view.codes, tracks)
+    columns = {track.key: m for m, track in enumerate(tracks)}
+    result = [
+        track if track is not None and offsets_m[i, columns[track.key]] <= 2 * gates_m[i] else None
+        for i, track in enumerate(matched)
+    ]
+    possible = (offsets_m <= gates_m[:, None]) & (shapes >= params.delta_shape_in_place)
+    taken = {track.key for track in result if track is not None}
+    order = sorted(
+        zip(*np.nonzero(possible), strict=True),
+        key=lambda pair: (view.frames.ambiguous[pair[0]], offsets_m[pair], pair),
+    )
+    for i, m in order:
+        if result[i] is None and tracks[m].key not in taken:
+            result[i] = tracks[m]
+            taken.add(tracks[m].key)
+    return tuple(result)
+
+
+def _as_tuple(matches: dict[int, int], tracks: Sequence[Track], n: int) -> tuple[Track | None, ...]:
+    return tuple(tracks[matches[i]] if i in matches else None for i in range(n))
+
+
+def _offsets_and_gates(
+    view: View, tracks: Sequence[Track], belief: Belief, params: AssociationParams
+) -> tuple[Array, Array]:
+    """(n, m) distances between observations and places, (n,) gates of the observations; metres."""
+    seen = to_camera(belief.T_map_camera, places_of(tracks))[0]
+    offsets_m = np.linalg.norm(view.frames.centers[:, None] - seen[None], axis=-1)
+    turn, shift = (
+        np.linalg.eigvalsh(belief.covariance[:3, :3])[-1],
+        np.linalg.eigvalsh(belief.covariance[3:, 3:])[-1],
+    )
+    square_range = (view.frames.centers**2).sum(axis=1)
+    sigmas = np.sqrt(shift + turn * square_range + view.frames.variances[0])
+    return offsets_m, np.minimum(params.delta_prox_m + GATE_SIGMAS * sigmas, params.max_gate_m)
+
+
+def _tracked_pairs(
+    view: View, places: Array, shapes: Array, drift: Array, T_map_camera: Array, params: AssociationParams
+) -> _Pairs:
+    """Pairs alike in shape and within the place gate that the drift since the last sight opens."""
+    seen = to_camera(T_map_camera, places)[0]
+    offsets_m = np.linalg.norm(view.frames.centers[:, None] - seen[None], axis=-1)
+    square_range = (view.frames.centers**2).sum(axis=1)[:, None]
+    variances = drift[None, :, 1] + drift[None, :, 0] * square_range + view.frames.variances[0][:, None]
+    gates_m = np.minimum(params.delta_prox_m + GATE_SIGMAS * np.sqrt(variances), params.max_gate_m)
+    least_shape = np.where(gates_m <= params.alone_gate_m, params.delta_shape_in_place, params.delta_shape)
+    rows, columns = np.nonzero((shapes >= least_shape) & (offsets_m <= gates_m))
+    nearness = 1.0 - offsets_m[rows, columns] / gates_m[rows, columns]
+    weights = 1.0 + 0.25 * np.maximum(shapes[rows, columns], 0.0) + 0.25 * nearness
+    return _Pairs(rows, columns, gates_m[rows, columns], weights)
+
+
+def _heaviest_tracked(
+    view: View, places: Array, pairs: _Pairs, drift: Array, T_map_camera: Array, params: AssociationParams
+) -> dict[int, int]:
+    """{row: column} of the heaviest clique, empty where too few objects agree for so wide a gate."""
+    consistent = _same_layout(view, places, pairs, params)
+    turn_sigmas = np.sqrt(drift[pairs.columns, 0])
+    consistent &= _same_directions(view, places, pairs, T_map_camera, turn_sigmas, params)
+    clique = max_weight_clique(consistent, pairs.weights, pairs.rows)
+    if not clique or len(clique) < _needed(pairs.gates_m[clique].min(), params):
+        return {}
+    if len(clique) == 1 and (pairs.rows == pairs.rows[clique[0]]).sum() > 1:
+        return {}  # a lone object with two possible places is no evidence
+    return {int(pairs.rows[v]): int(pairs.columns[v]) for v in clique}
+
+
+def _needed(gate_m: float, params: AssociationParams) -> int:
+    """How many objects must agree."""
+    if gate_m <= params.alone_gate_m:
+        return 1
+    return 2 if gate_m <= params.pair_gate_m else 3
+
+
+def _same_layout(view: View, places: Array, pairs: _Pairs, params: AssociationParams) -> np.ndarray:
+    """(p, p) whether two pairs have equal distance and equal angle of axes here and in the map."""
+    i, m = pairs.rows, pairs.columns
+    here, there = view.frames.centers[i], places[0][m]
+    distances_here = np.linalg.norm(here[:, None] - here[None], axis=-1)
+    distances_there = np.linalg.norm(there[:, None] - there[None], axis=-1)
+    variances = view.frames.variances[0][i]
+    tolerances_m = params.clique_tolerance_m + np.sqrt(variances[:, None] + variances[None])
+    angles_here = _angles(view.frames.axes[i])
+    angles_there = _angles(places[1][m])
+    return (
+        (np.abs(distances_here - distances_there) <= tolerances_m)
+        & (np.abs(angles_here - angles_there) <= params.clique_tolerance_rad)
+        & (i[:, None] != i[None])
+        & (m[:, None] != m[None])
+    )
+
+
+def _same_directions(
+    view: View,
+    places: Array,
+    pairs: _Pairs,
+    T_map_camera: Array,
+    turn_sigmas: Array,
+    params: AssociationParams,
+) -> np.ndarray:
+    """(p, p) whether two pairs lie in equal directions from each other, as far as the camera's attitude is known."""
+    here = view.frames.centers[pairs.rows] @ T_map_camera[:3, :3].T
+    there = places[0][pairs.columns]
+    between_here, between_there = here[:, None] - here[None], there[:, None] - there[None]
+    turns = GATE_SIGMAS * np.maximum(turn_sigmas[:, None], turn_sigmas[None])
+    tolerances_m = 2 * params.clique_tolerance_m + turns * np.linalg.norm(between_there, axis=-1)
+    return np.linalg.norm(between_here - between_there, axis=-1) <= tolerances_m
+
+
+def _angles(vectors: Array) -> Array:
+    return np.arccos(np.clip(vectors @ vectors.T, -1.0, 1.0))
+
+
+def _relocalize(
+    view: View,
+    tracks: Sequence[Track],
+    places: Array,
+    shapes: Array,
+    free: list[int],
+    matches: dict[int, int],
+    params: AssociationParams,
+) -> tuple[dict[int, int], Array | None]:
+    """Match the observations that no expected place explains by their layout alone; at least three must agree."""
+    if len(free) < 3:
+        return {}, None
+    pairs = _shape_pairs(tracks, shapes, free, set(matches.values()), params)
+    consistent = _same_layout(view, places, pairs, params)
+    clique = max_weight_clique(consistent, pairs.weights, pairs.rows)
+    if len(clique) < 3 or _has_rival(clique, consistent, pairs):
+        return {}, None
+    T_map_camera = _verified_pose(view, places, pairs.rows[clique], pairs.columns[clique], params)
+    found = {int(pairs.rows[v]): int(pairs.columns[v]) for v in clique}
+    return (found, T_map_camera) if T_map_camera is not None else ({}, None)
+
+
+def _shape_pairs(
+    tracks: Sequence[Track], shapes: Array, free: list[int], taken: set[int], params: AssociationParams
+) -> _Pairs:
+    usable = np.array([track.confirmed and m not in taken for m, track in enumerate(tracks)], dtype=bool)
+    rows: list[int] = []
+    columns: list[int] = []
+    for i in free:
+        alike = np.flatnonzero(usable & (shapes[i] >= params.delta_shape))
+        best = alike[np.argsort(-shapes[i, alike], kind="stable")][: params.max_candidates]
+        rows += [i] * len(best)
+        columns += best.tolist()
+    pair = np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)
+    return _Pairs(*pair, np.full(len(rows), np.inf), 1.0 + 0.25 * np.maximum(shapes[pair], 0.0))
+
+
+def _has_rival(clique: list[int], consistent: np.ndarray, pairs: _Pairs) -> bool:
+    """Whether an equally large clique matches all of these observations differently."""
+    rest = np.setdiff1d(np.arange(len(pairs.rows)), clique)
+    rival = max_weight_clique(consistent[np.ix_(rest, rest)], pairs.weights[rest], pairs.rows[rest])
+    return len(rival) >= len(clique)
+
+
+def _verified_pose(
+    view: View, places: Array, rows: np.ndarray, columns: np.ndarray, params: AssociationParams
+) -> Array | None:
+    """T_map_camera that maps the observations onto the places, None unless all fit."""
+    seen = view.frames[rows]
+    known = frames_at(places[:, columns], PLACE_SIGMAS, seen.ambiguous)
+    try:
+        alignment = align_frames(seen, known)
+    except DegenerateGeometryError:
+        return None
+    fits = alignment.residual_m <= params.max_rms_m and alignment.inliers.all()
+    return alignment.T_b_a if fits else None
+
+
+def _is_plausible(
+    T_map_camera: Array, T_predicted: Array, drift: Array, found: dict[int, int], params: AssociationParams
+) -> bool:
+    """Whether drift can explain the correction."""
+    correction = inverse(T_predicted) @ T_map_camera
+    turn_rad, shift_m = GATE_SIGMAS * np.sqrt(drift[list(found.values())].max(axis=0))
+    return bool(
+        rotation_angle(correction[:3, :3]) <= params.clique_tolerance_rad + turn_rad
+        and np.linalg.norm(correction[:3, 3]) <= params.max_gate_m + shift_m
+    )

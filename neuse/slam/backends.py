@@ -1,0 +1,172 @@
+"""What is put into the graph: objects as landmarks, or the paper's edges between camera poses (NeuSE IV-C)."""
+
+from collections.abc import Iterable, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from neuse.geometry import Array, inverse
+from neuse.records import Edge
+from neuse.slam.keyframes import KeyframeRecord
+from neuse.slam.library import Track, orthonormal_place
+from neuse.slam.localization import to_map
+from neuse.slam.object_frames import ObjectFrames
+from neuse.slam.pose_graph import PoseGraph, SlidingWindow, SolverParams
+
+LEVER_M = 0.3  # where axes and handles become points: so far out that their noise is that of the direction
+LOOSE_RAD = 1.0  # along directions in which a point on the lever says nothing
+MAX_HANDLE_SIGMA_RAD = 0.6  # a handle known no better is hidden
+CENTER, AXIS, HANDLE = range(3)
+
+
+class Backend(Protocol):
+    """Keyframes go in, estimates of their poses and of the objects' places come out."""
+
+    def add_keyframe(
+        self, record: KeyframeRecord, T_map_camera: Array, ties: Sequence[Edge], closures: Sequence[Edge]
+    ) -> None:
+        """A new keyframe with its start value, its edges to the window and those that close loops."""
+
+    def add_sightings(self, record: KeyframeRecord, tracks: Iterable[Track]) -> None:
+        """The keyframe sees these confirmed tracks."""
+
+    def add_external(self, edges: Sequence[Edge]) -> None:
+        """Edges of an external SLAM."""
+
+    def solve(self, loop_closed: bool) -> Array:
+        """(n, 4, 4) T_map_camera of all keyframes after everything new is taken in."""
+
+    def covariance(self, keyframe_id: int) -> Array:
+        """(6, 6) marginal covariance of a keyframe's pose."""
+
+    def place_all(self, tracks: Iterable[Track]) -> None:
+        """Update the places of confirmed tracks from the last solution."""
+
+
+class _Base:
+    def __init__(self, params: SolverParams) -> None:
+        self.params = params
+        self.graph = PoseGraph(params)
+        self.poses: Array = np.zeros((0, 4, 4))
+
+    def add_external(self, edges: Sequence[Edge]) -> None:
+        for edge in edges:
+            self.graph.add_edge(edge)
+
+    def solve(self, loop_closed: bool) -> Array:
+        self.graph.solve(self.params.closure_iterations if loop_closed else 1)
+        self.poses = self.graph.poses()
+        return self.poses
+
+    def covariance(self, keyframe_id: int) -> Array:
+        return self.graph.covariance(keyframe_id)
+
+
+class LandmarkBackend(_Base):
+    """Objects are points of the graph: centre, a point on the axis, and for unambiguous ones a point at the handle.
+
+    Edges of odometry tie the keyframes; edges from codes are not used, since sightings say the same without the
+    errors that all edges of one frame share.
+    """
+
+    def add_keyframe(
+        self, record: KeyframeRecord, T_map_camera: Array, ties: Sequence[Edge], closures: Sequence[Edge]
+    ) -> None:
+        if record.keyframe_id == 0:
+            self.graph.add_origin(0, T_map_camera)
+        self.graph.add_pose(record.keyframe_id, T_map_camera)
+        for edge in ties:
+            if not edge.object_ids:
+                self.graph.add_edge(edge, robust=False)
+
+    def add_sightings(self, record: KeyframeRecord, tracks: Iterable[Track]) -> None:
+        index = {int(key): i for i, key in enumerate(record.keys)}
+        for track in tracks:
+            i = index[track.key]
+            points, covariances = lever_points(record.frames, i)
+            starts = track.place[0] + np.array([0.0, LEVER_M, LEVER_M])[:, None] * track.place
+            starts[CENTER] = track.place[0]
+            for part in range(2 if _handle_hidden(record.frames, i) else 3):
+                self.graph.add_sighting(
+                    record.keyframe_id, 3 * track.key + part, points[part], covariances[part], starts[part]
+                )
+
+    def place_all(self, tracks: Iterable[Track]) -> None:
+        points = self.graph.points()
+        for track in tracks:
+            if 3 * track.key in points:
+                center, tip = points[3 * track.key], points[3 * track.key + AXIS]
+                handle = points.get(3 * track.key + HANDLE, center + track.place[HANDLE])
+                track.anchored, track.place = (
+                    True,
+                    orthonormal_place(np.stack([center, tip - center, handle - center])),
+                )
+
+
+class EdgeBackend(_Base):
+    """The paper's way: only camera poses. A fixed-lag smoother gives new keyframes their start, iSAM2 has all edges.
+
+    Places of objects are averages of what the keyframes saw, through their latest poses (NeuSE IV-A).
+    """
+
+    def __init__(self, params: SolverParams, window: int) -> None:
+        super().__init__(params)
+        self.window = SlidingWindow(window, params)
+        self._keys: list[np.ndarray] = []
+        self._seen: list[ObjectFrames] = []
+
+    def add_keyframe(
+        self, record: KeyframeRecord, T_map_camera: Array, ties: Sequence[Edge], closures: Sequence[Edge]
+    ) -> None:
+        new = record.keyframe_id
+        self._keys.append(record.keys)
+        self._seen.append(record.frames)
+        if new == 0:
+            self.graph.add_origin(0, T_map_camera)
+            self.window.add(0, T_map_camera, [])
+        else:
+            T_previous_new = inverse(self.poses[-1]) @ T_map_camera
+            self.window.add(new, self.window.pose(new - 1) @ T_previous_new, ties)
+            T_map_camera = self.poses[-1] @ inverse(self.window.pose(new - 1)) @ self.window.pose(new)
+        self.graph.add_pose(new, T_map_camera)
+        for edge in (*ties, *closures):
+            self.graph.add_edge(edge)
+
+    def add_sightings(self, record: KeyframeRecord, tracks: Iterable[Track]) -> None:
+        """Nothing: the edges have said it."""
+
+    def place_all(self, tracks: Iterable[Track]) -> None:
+        keys = np.concatenate(self._keys)
+        sums, total = (
+            np.zeros((3, int(keys.max(initial=-1)) + 1, 3)),
+            np.zeros((3, int(keys.max(initial=-1)) + 1)),
+        )
+        weights = np.concatenate([1.0 / seen.variances for seen in self._seen], axis=1)
+        placed = [to_map(T, seen.vectors) for T, seen in zip(self.poses, self._seen, strict=True)]
+        vectors = np.concatenate(placed, axis=1)
+        for part in range(3):
+            np.add.at(sums[part], keys, weights[part][:, None] * vectors[part])
+            np.add.at(total[part], keys, weights[part])
+        for track in tracks:
+            if track.key < sums.shape[1] and total[CENTER, track.key] > 0:
+                mean = sums[:, track.key] / np.maximum(total[:, track.key], 1e-12)[:, None]
+                track.anchored, track.place = True, orthonormal_place(mean)
+
+
+def lever_points(frames: ObjectFrames, i: int) -> tuple[Array, Array]:
+    """(3, 3) centre, axis point and handle point of object i, metres, with covariances (3, 3, 3).
+
+    The axis point tells the tilt, the handle point the turn about the axis; each is loose in the directions that
+    another point tells, so that nothing counts twice.
+    """
+    center, axis, handle = frames.vectors[:, i]
+    R = np.stack([handle, np.cross(axis, handle), axis], axis=1)
+    turn_x, turn_y, turn_z, *shifts = frames.sigmas[i] ** 2
+    loose = LOOSE_RAD**2
+    direction = np.array([[0.0, 0.0, 0.0], [turn_y, turn_x, loose], [loose, turn_z, loose]]) * LEVER_M**2
+    points = np.stack([center, center + LEVER_M * axis, center + LEVER_M * handle])
+    return points, np.stack([(R * (np.array(shifts) + along)) @ R.T for along in direction])
+
+
+def _handle_hidden(frames: ObjectFrames, i: int) -> bool:
+    return bool(frames.ambiguous[i] or frames.sigmas[i, 2] > MAX_HANDLE_SIGMA_RAD)

@@ -1,0 +1,164 @@
+"""The objects that the tracker knows, tentative and confirmed (NeuSE IV-A: the object library)."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from neuse.embedding.code import Code
+from neuse.geometry import Array
+from neuse.records import NO_ID
+from neuse.slam.object_frames import ObjectFrames
+
+MAX_AVERAGED = 50  # sightings over which descriptors and places are averaged
+
+
+class Shaped(Protocol):
+    """Anything with a shape: a code or a track."""
+
+    @property
+    def category(self) -> str:
+        """Its category."""
+
+    @property
+    def descriptor(self) -> Array:
+        """(k,) unit length."""
+
+
+@dataclass(frozen=True)
+class LastSighting:
+    """What the paper's rule compares with: the object in the last frame that saw it."""
+
+    frames: ObjectFrames
+    partial_center: Array
+    T_map_camera: Array
+
+
+@dataclass
+class Track:
+    """One object at one place.
+
+    key: names it inside the tracker, never used again.    object_id: its public name, NO_ID while tentative.
+    place: (3, 3) centre (metres), unit axis and unit handle in the map frame.
+    mapped_at, seen_at: (2,) reading of the drift clock (rad^2, m^2) when it was met first and last.
+    anchored: the graph says where it stands.    periods: first keyframe of every period of sight.
+    """
+
+    key: int
+    category: str
+    ambiguous: bool
+    descriptor: Array
+    place: Array
+    mapped_at: Array
+    seen_at: Array
+    last: LastSighting
+    last_frame: int
+    object_id: int = NO_ID
+    retired: bool = False
+    n_sightings: int = 1
+    n_eligible: int = 1
+    anchored: bool = False
+    last_keyframe: int = NO_ID
+    periods: list[int] = field(default_factory=list)
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether it is an object of the map."""
+        return self.object_id != NO_ID
+
+    def see(self, code: Code, place: Array, last: LastSighting, drift: Array, frame_index: int) -> None:
+        """Take in one more sighting; the place of an anchored object is the graph's business."""
+        self.n_sightings += 1
+        share = 1.0 / min(self.n_sightings, MAX_AVERAGED)
+        mean = self.descriptor + share * (code.descriptor - self.descriptor)
+        self.descriptor = mean / np.linalg.norm(mean)
+        if not self.anchored:
+            self.place = orthonormal_place(self.place + share * (place - self.place))
+        self.last, self.seen_at, self.last_frame = last, drift, frame_index
+
+    def enter_keyframe(self, keyframe_id: int, gap: int) -> None:
+        """Note that a keyframe sees it; more than `gap` keyframes without it end a period of sight."""
+        if self.last_keyframe == NO_ID or keyframe_id - self.last_keyframe > gap:
+            self.periods.append(keyframe_id)
+        self.last_keyframe = keyframe_id
+
+
+class ObjectLibrary:
+    """All tracks. Keys and object ids count up from 0 and are never reused."""
+
+    def __init__(self) -> None:
+        self.tracks: dict[int, Track] = {}
+        self._next_key = 0
+        self._next_id = 0
+
+    def add(self, code: Code, place: Array, last: LastSighting, drift: Array, frame_index: int) -> Track:
+        """A tentative object."""
+        descriptor = code.descriptor / np.linalg.norm(code.descriptor)
+        track = Track(
+            self._next_key, code.category, code.ambiguous, descriptor, place, drift, drift, last, frame_index
+        )
+        self.tracks[track.key] = track
+        self._next_key += 1
+        return track
+
+    def confirm(self, track: Track) -> None:
+        """Make a tentative object one of the map, under a fresh id."""
+        track.object_id = self._next_id
+        self._next_id += 1
+
+    def drop(self, tracks: Iterable[Track]) -> None:
+        """Forget tentative objects."""
+        for track in tracks:
+            del self.tracks[track.key]
+
+    def active(self) -> list[Track]:
+        """Tracks that observations may match."""
+        return [track for track in self.tracks.values() if not track.retired]
+
+    def named(self, object_id: int) -> list[Track]:
+        """Tracks of one object: the active one and the places where it once was."""
+        return [track for track in self.tracks.values() if track.object_id == object_id]
+
+
+def similarity(some: Sequence[Shaped], others: Sequence[Shaped]) -> Array:
+    """(n, m) shape similarity: cosine of the descriptors, -1 across categories (NeuSE IV-B)."""
+    S = np.full((len(some), len(others)), -1.0)
+    for category in {shaped.category for shaped in some}:
+        rows = [i for i, shaped in enumerate(some) if shaped.category == category]
+        columns = [m for m, shaped in enumerate(others) if shaped.category == category]
+        if columns:
+            descriptors = np.stack([some[i].descriptor for i in rows])
+            S[np.ix_(rows, columns)] = descriptors @ np.stack([others[m].descriptor for m in columns]).T
+    return S
+
+
+def places_of(tracks: Sequence[Track]) -> Array:
+    """(3, m, 3) places of tracks."""
+    return np.array([track.place for track in tracks]).reshape(-1, 3, 3).swapaxes(0, 1)
+
+
+def drift_between(tracks: Sequence[Track], now: Array) -> Array:
+    """(m, 2) variances (rad^2, m^2) of the camera relative to each track's place.
+
+    The drift clock reads how uncertain dead reckoning has become since the start. An object that was mapped at one
+    reading is known relative to another mapped at nearly the same; so the way to an object leads over whichever
+    object was seen recently and mapped at about the same time.
+    """
+    if not tracks:
+        return np.zeros((0, 2))
+    mapped = np.stack([track.mapped_at for track in tracks])
+    since_seen = now - np.stack([track.seen_at for track in tracks])
+    ways = np.abs(mapped[:, None] - mapped[None, :]) + since_seen[None, :]  # (m, via, 2)
+    best = ways[..., 1].argmin(axis=1)
+    return ways[np.arange(len(tracks)), best]
+
+
+def orthonormal_place(place: Array) -> Array:
+    """(3, 3) centre, unit axis and unit handle orthogonal to it."""
+    center, axis, handle = place
+    axis = axis / max(np.linalg.norm(axis), 1e-12)
+    handle = handle - axis * (axis @ handle)
+    if np.linalg.norm(handle) < 1e-9:
+        handle = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    return np.stack([center, axis, handle / np.linalg.norm(handle)])

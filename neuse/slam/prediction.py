@@ -1,0 +1,64 @@
+"""Where the camera should be before its objects are looked at, and the odometry edges between keyframes."""
+
+from collections import Counter
+from collections.abc import Sequence
+
+from neuse.records import Edge, EdgeKind, OdometrySample
+from neuse.slam.keyframes import KeyframeRecord
+from neuse.slam.localization import Belief
+from neuse.slam.odometry import NANOSECONDS, Motion, OdometryFix, OdometryParams, OdometryTracker
+
+
+class Predictor:
+    """Carries the last pose forward by odometry, or, without it, by the assumption of slow motion."""
+
+    def __init__(self, params: OdometryParams, counters: Counter[str]) -> None:
+        self.params = params
+        self._odometry = OdometryTracker(params, counters)
+        self._last_stamp_ns: int | None = None
+        self._reference: tuple[OdometryFix, Belief] | None = None  # the last frame that had odometry
+
+    def predict(
+        self, last: Belief, sample: OdometrySample | None, stamp_ns: int
+    ) -> tuple[OdometryFix | None, Motion, Belief]:
+        """The frame's odometry fix, its motion since the last frame, and the belief that follows from both."""
+        fix = self._odometry.accept(sample, stamp_ns)
+        elapsed_ns = 0 if self._last_stamp_ns is None else stamp_ns - self._last_stamp_ns
+        self._last_stamp_ns = stamp_ns
+        motion = self._odometry.motion(self._reference[0], fix) if self._reference else None
+        if motion is not None and self._reference is not None:
+            return fix, motion, self._reference[1].moved(motion.T_from_to, motion.covariance)
+        motion = self._odometry.free_motion(elapsed_ns * NANOSECONDS)
+        return fix, motion, last.moved(motion.T_from_to, motion.covariance)
+
+    def settle(self, fix: OdometryFix | None, belief: Belief) -> None:
+        """Note the frame's final pose as a start for the next prediction."""
+        if fix is not None:
+            self._reference = (fix, belief)
+
+    def edge(
+        self, last: KeyframeRecord | None, new: KeyframeRecord, ties: Sequence[Edge]
+    ) -> tuple[list[Edge], list[Edge]]:
+        """Odometry edges between two keyframes, and the weak guess that ties them where there is nothing else."""
+        if last is None or (ties and self.params.use == "blind"):
+            return [], []
+        motion = self._odometry.motion(last.fix, new.fix)
+        if motion is not None:
+            return [_edge(last, new, motion)], []
+        if ties:
+            return [], []
+        return [], [
+            _edge(last, new, self._odometry.free_motion((new.stamp_ns - last.stamp_ns) * NANOSECONDS))
+        ]
+
+
+def _edge(last: KeyframeRecord, new: KeyframeRecord, motion: Motion) -> Edge:
+    return Edge(
+        last.keyframe_id,
+        new.keyframe_id,
+        last.stamp_ns,
+        new.stamp_ns,
+        EdgeKind.ODOMETRY,
+        motion.T_from_to,
+        motion.covariance,
+    )

@@ -1,0 +1,261 @@
+"""Object SLAM: codes and odometry in; camera poses, matched objects and pose-graph edges out (NeuSE IV-A to C)."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from neuse.errors import InputError
+from neuse.geometry import Array, adjoint, inverse
+from neuse.params import CheckedParams, param
+from neuse.records import (
+    NO_ID,
+    ChangeKind,
+    Edge,
+    EdgeKind,
+    Keyframe,
+    MatchStatus,
+    ObjectChange,
+    ObservedFrame,
+    OdometrySample,
+    TrackedFrame,
+    TrackedObservation,
+)
+from neuse.slam.association import AssociationParams, View
+from neuse.slam.backends import Backend, EdgeBackend, LandmarkBackend
+from neuse.slam.checks import check_choice
+from neuse.slam.edges import EdgeBuilder, EdgeParams
+from neuse.slam.external import attach
+from neuse.slam.instantiation import InstantiationParams
+from neuse.slam.keyframes import KeyframeLibrary, KeyframeParams, KeyframeRecord
+from neuse.slam.library import Track
+from neuse.slam.object_frames import SigmaParams, is_usable, reduce_codes
+from neuse.slam.odometry import OdometryFix, OdometryParams
+from neuse.slam.pose_graph import SolverParams
+from neuse.slam.prediction import Predictor
+from neuse.slam.tracker import Located, ObjectTracker
+
+
+@dataclass(frozen=True)
+class SlamParams(CheckedParams):
+    """Everything that can be set in the SLAM stage; nested names are dotted in ROS."""
+
+    mode: str = param(
+        "landmarks", "landmarks: objects are in the graph; edges: the paper's edges between poses"
+    )
+    use_ambiguous: bool = param(
+        True, "let bottles and other ambiguous objects constrain poses (paper: All-object)"
+    )
+    stamp_tolerance_s: float = param(
+        0.02, "external edges name a frame by its stamp within this, s", 0.0, 10.0
+    )
+    sigmas: SigmaParams = field(default_factory=SigmaParams)
+    association: AssociationParams = field(default_factory=AssociationParams)
+    instantiation: InstantiationParams = field(default_factory=InstantiationParams)
+    keyframes: KeyframeParams = field(default_factory=KeyframeParams)
+    edges: EdgeParams = field(default_factory=EdgeParams)
+    odometry: OdometryParams = field(default_factory=OdometryParams)
+    solver: SolverParams = field(default_factory=SolverParams)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_choice("mode", self.mode, ("landmarks", "edges"))
+
+
+class ObjectSlam:
+    """Online object SLAM. Not thread-safe: wrap it from outside.
+
+    counters: unusable input since the last reset, by reason.
+    """
+
+    def __init__(self, params: SlamParams | None = None) -> None:
+        self.params = params or SlamParams()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything; the next frame defines a new map frame."""
+        params = self.params
+        self.counters: Counter[str] = Counter()
+        self._tracker = ObjectTracker(params.association, params.instantiation, params.use_ambiguous)
+        self._predictor = Predictor(params.odometry, self.counters)
+        self._keyframes = KeyframeLibrary(params.keyframes)
+        self._edges = EdgeBuilder(params.edges)
+        self._backend = _backend(params)
+        self._last_stamp_ns: int | None = None
+
+    def step(self, frame: ObservedFrame, odometry: OdometrySample | None) -> TrackedFrame:
+        """Track one frame.
+
+        Args:
+            frame: all objects of the frame; observations with unusable codes are counted and stay TENTATIVE.
+            odometry: the sample at the frame's stamp, None if there is none.
+        Raises:
+            InputError: `stamp_backwards`, the frame is not later than the one before.
+        """
+        self._check_stamp(frame.stamp_ns)
+        usable = self._usable(frame)
+        view = self._view(frame, usable)
+        fix, motion, prediction = self._predictor.predict(self._tracker.belief, odometry, frame.stamp_ns)
+        located = self._tracker.locate(view, prediction, motion)
+        tracks, fresh = self._tracker.update(view, [frame.observations[i] for i in usable], located)
+        edges: list[Edge] = []
+        rejected_before = self._edges.rejected
+        keyframe = bool(fresh) or located.relocalized or self._keyframes.is_due(located.belief.T_map_camera)
+        if keyframe:
+            edges = self._add_keyframe(self._record(frame.stamp_ns, view, tracks, fix), fresh, located)
+        self._predictor.settle(fix, self._tracker.belief)
+        self._keyframes.add_frame(frame.stamp_ns, self._tracker.belief.T_map_camera)
+        return TrackedFrame(
+            stamp_ns=frame.stamp_ns,
+            T_map_camera=self._tracker.belief.T_map_camera,
+            covariance=self._covariance(),
+            observations=self._tracked(frame, usable, tracks, fresh),
+            intrinsics=frame.intrinsics,
+            coarse_depth_m=frame.coarse_depth_m,
+            keyframe_id=len(self._keyframes.records) - 1 if keyframe else NO_ID,
+            loop_closed=any(edge.kind == EdgeKind.LOOP_CLOSURE for edge in edges) or located.relocalized,
+            odometry_only=located.blind,
+            edges=tuple(edges),
+            rejected_edges=self._edges.rejected - rejected_before,
+        )
+
+    def apply_change(self, change: ObjectChange) -> None:
+        """Take the mapper's word for a change: places that an object left never match again.
+
+        A change of an object that is not known (for instance after a reset) is counted and ignored.
+        """
+        known = [track for track in self._tracker.library.named(change.object_id) if not track.retired]
+        if change.kind == ChangeKind.ADDED:
+            return
+        if not known:
+            self.counters["change_of_unknown_object"] += 1
+        for track in known:
+            track.retired = True
+        if change.kind == ChangeKind.MOVED and change.merged_id not in (NO_ID, change.object_id):
+            for track in self._tracker.library.named(change.merged_id):
+                track.object_id = change.object_id
+
+    def add_external_edges(self, edges: Sequence[Edge]) -> int:
+        """Add edges of an external SLAM, whose ends are named by their stamps.
+
+        Returns:
+            How many were accepted. Edges with unknown stamps, or whose pose or covariance is none, are counted.
+        """
+        attached = attach(edges, self._keyframes, self.params.stamp_tolerance_s, self.counters)
+        if attached:
+            self._backend.add_external(attached)
+            self._solve(loop_closed=True)
+        return len(attached)
+
+    @property
+    def keyframes(self) -> tuple[Keyframe, ...]:
+        """All keyframes with their latest estimates."""
+        pairs = zip(self._keyframes.records, self._keyframes.T_map_camera, strict=True)
+        return tuple(Keyframe(record.keyframe_id, record.stamp_ns, T) for record, T in pairs)
+
+    def trajectory(self) -> list[tuple[int, Array]]:
+        """(stamp_ns, T_map_camera) of every frame, through its keyframe's latest estimate."""
+        return self._keyframes.trajectory()
+
+    def _check_stamp(self, stamp_ns: int) -> None:
+        if self._last_stamp_ns is not None and stamp_ns <= self._last_stamp_ns:
+            raise InputError(
+                "stamp_backwards",
+                f"frame {stamp_ns} ns is not later than {self._last_stamp_ns} ns; drop it, or reset after a restart",
+            )
+        self._last_stamp_ns = stamp_ns
+
+    def _usable(self, frame: ObservedFrame) -> list[int]:
+        usable = [i for i, observation in enumerate(frame.observations) if is_usable(observation.code)]
+        self.counters["code_not_finite"] += len(frame.observations) - len(usable)
+        return usable
+
+    def _view(self, frame: ObservedFrame, usable: Sequence[int]) -> View:
+        observations = [frame.observations[i] for i in usable]
+        codes = tuple(observation.code for observation in observations)
+        partial_centers = np.array([observation.partial_center for observation in observations]).reshape(
+            -1, 3
+        )
+        return View(codes, reduce_codes(codes, self.params.sigmas), partial_centers)
+
+    def _record(
+        self, stamp_ns: int, view: View, tracks: Sequence[Track | None], fix: OdometryFix | None
+    ) -> KeyframeRecord:
+        """What the new keyframe sees of objects that may constrain poses."""
+        allowed = view.frames.ambiguous <= self.params.use_ambiguous
+        rows = [i for i, track in enumerate(tracks) if track is not None and allowed[i]]
+        keys = np.array([track.key for i in rows if (track := tracks[i]) is not None], dtype=np.intp)
+        return KeyframeRecord(len(self._keyframes.records), stamp_ns, keys, view.frames[rows], fix)
+
+    def _add_keyframe(self, record: KeyframeRecord, fresh: Sequence[Track], located: Located) -> list[Edge]:
+        """Extend the graph by a keyframe and solve it; returns its edges that are worth publishing."""
+        records, tracks = self._keyframes.records, self._tracker.library.tracks
+        for key in record.keys.tolist():
+            tracks[key].enter_keyframe(record.keyframe_id, self.params.edges.period_gap)
+        short_range = self._edges.short_range(record, records, tracks)
+        closures = self._edges.loop_closures(record, records, tracks)
+        odometry, guessed = self._predictor.edge(
+            records[-1] if records else None, record, [*short_range, *closures]
+        )
+        self._backend.add_keyframe(
+            record, self._tracker.belief.T_map_camera, [*odometry, *guessed, *short_range], closures
+        )
+        self._add_sightings(record, fresh)
+        records.append(record)
+        self._solve(bool(closures) or located.relocalized)
+        return [*odometry, *short_range, *closures]
+
+    def _add_sightings(self, record: KeyframeRecord, fresh: Sequence[Track]) -> None:
+        tracks = [self._tracker.library.tracks[key] for key in record.keys.tolist()]
+        self._backend.add_sightings(record, [track for track in tracks if track.confirmed])
+        for earlier in self._keyframes.records[-self.params.edges.window :]:
+            self._backend.add_sightings(earlier, [track for track in fresh if track.key in earlier.keys])
+
+    def _solve(self, loop_closed: bool) -> None:
+        T_last_camera = self._relative_to_last_keyframe()
+        self._keyframes.T_map_camera = self._backend.solve(loop_closed)
+        self._backend.place_all([track for track in self._tracker.library.active() if track.confirmed])
+        self._tracker.correct(self._keyframes.T_map_camera[-1] @ T_last_camera)
+
+    def _relative_to_last_keyframe(self) -> Array:
+        """T_keyframe_camera of the current frame; identity where the current frame is a new keyframe itself."""
+        if len(self._keyframes.records) > len(self._keyframes.T_map_camera):
+            return np.eye(4)
+        return inverse(self._keyframes.T_map_camera[-1]) @ self._tracker.belief.T_map_camera
+
+    def _covariance(self) -> Array:
+        """Covariance of the current pose in the map: the keyframe's, and the frame's relative to it."""
+        last = len(self._keyframes.records) - 1
+        A = adjoint(inverse(self._relative_to_last_keyframe()))
+        return A @ self._backend.covariance(last) @ A.T + self._tracker.belief.covariance
+
+    def _tracked(
+        self,
+        frame: ObservedFrame,
+        usable: Sequence[int],
+        tracks: Sequence[Track | None],
+        fresh: Sequence[Track],
+    ) -> tuple[TrackedObservation, ...]:
+        found = dict(zip(usable, tracks, strict=True))
+        codes = [frame.observations[i].code for i in usable]
+        similar = dict(zip(usable, self._tracker.similar_ids(codes), strict=True))
+        return tuple(
+            _tracked_observation(observation, found.get(i), similar.get(i, ()), fresh)
+            for i, observation in enumerate(frame.observations)
+        )
+
+
+def _tracked_observation(observation, track, similar_ids, fresh) -> TrackedObservation:
+    if track is not None and track.confirmed:
+        status = MatchStatus.NEW if track in fresh else MatchStatus.MATCHED
+        others = tuple(i for i in similar_ids if i != track.object_id)
+        return TrackedObservation(observation, status, track.object_id, others)
+    status = MatchStatus.UNMATCHED if similar_ids else MatchStatus.TENTATIVE
+    return TrackedObservation(observation, status, NO_ID, similar_ids)
+
+
+def _backend(params: SlamParams) -> Backend:
+    if params.mode == "edges":
+        return EdgeBackend(params.solver, params.edges.window)
+    return LandmarkBackend(params.solver)

@@ -1,0 +1,147 @@
+"""The front end: where is the camera, which object is each observation, which observations become objects."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from neuse.embedding.code import Code
+from neuse.geometry import Array
+from neuse.records import Observation
+from neuse.slam.association import AssociationParams, View, associate, complete
+from neuse.slam.instantiation import InstantiationParams, expired, is_due, is_eligible, may_be_known
+from neuse.slam.library import LastSighting, ObjectLibrary, Track, drift_between, places_of, similarity
+from neuse.slam.localization import Belief, localize, to_map
+from neuse.slam.nearest import associate_nearest
+from neuse.slam.odometry import Motion
+
+START_VARIANCE = 1e-8
+
+
+@dataclass(frozen=True)
+class Located:
+    """The camera's pose in a frame and the track of each observation (None: no known place).
+
+    blind: no object constrained the pose.    relocalized: the pose was found without the prediction.
+    """
+
+    belief: Belief
+    tracks: tuple[Track | None, ...]
+    blind: bool
+    relocalized: bool
+
+
+class ObjectTracker:
+    """Tracks the camera against the object library and keeps that library.
+
+    The drift clock (rad^2, m^2) runs by the uncertainty of each frame's motion: fast when blind, slow when objects
+    are in view; see `library.drift_between`.
+    """
+
+    def __init__(
+        self, association: AssociationParams, instantiation: InstantiationParams, use_ambiguous: bool
+    ) -> None:
+        self.association = association
+        self.instantiation = instantiation
+        self.use_ambiguous = use_ambiguous
+        self.library = ObjectLibrary()
+        self.belief = Belief(np.eye(4), START_VARIANCE * np.eye(6))
+        self._drift = np.zeros(2)
+        self._frame_index = 0
+
+    def locate(self, view: View, prediction: Belief, motion: Motion) -> Located:
+        """Associate the view and find the camera's pose (NeuSE IV-A, B)."""
+        tracks = self.library.active()
+        drift_now = self._drift + _worst_variances(motion.covariance)
+        drift = drift_between(tracks, drift_now)
+        if self.association.method == "nearest":
+            found = associate_nearest(view, tracks, self.association)
+        else:
+            found = associate(view, tracks, drift, prediction, self.association)
+        belief = self._localize(view, found.tracks, prediction, found.T_map_camera)
+        matched = complete(view, found.tracks, tracks, belief, self.association)
+        belief = self._localize(view, matched, prediction, belief.T_map_camera)
+        self.belief = belief
+        self._advance(belief, motion)
+        return Located(belief, matched, not self._used(view, matched), found.T_map_camera is not None)
+
+    def correct(self, T_map_camera: Array) -> None:
+        """The graph knows the current pose better."""
+        self.belief = replace(self.belief, T_map_camera=T_map_camera)
+
+    def update(
+        self, view: View, observations: Sequence[Observation], located: Located
+    ) -> tuple[tuple[Track | None, ...], list[Track]]:
+        """Take the frame's observations into the library.
+
+        Returns:
+            The track of each observation, tentative ones included, and the tracks that became objects just now.
+        """
+        placed = to_map(self.belief.T_map_camera, view.frames.vectors)
+        tracks: list[Track | None] = []
+        for i, (observation, track) in enumerate(zip(observations, located.tracks, strict=True)):
+            last = LastSighting(view.frames[[i]], view.partial_centers[i], self.belief.T_map_camera)
+            eligible = is_eligible(observation, self.instantiation)
+            tracks.append(self._seen(view, i, placed[:, i], last, track, eligible))
+        self.library.drop(expired(self.library.active(), self._frame_index, self.instantiation))
+        return tuple(tracks), self._confirm([track for track in tracks if track is not None])
+
+    def similar_ids(self, codes: Sequence[Code]) -> list[tuple[int, ...]]:
+        """For each code the objects of like shape, most similar first; those that left their place included."""
+        known = [track for track in self.library.tracks.values() if track.confirmed]
+        S = similarity(codes, known)
+        order = np.argsort(-S, axis=1, kind="stable")
+        return [
+            tuple(dict.fromkeys(known[m].object_id for m in row if S[i, m] >= self.association.delta_shape))
+            for i, row in enumerate(order)
+        ]
+
+    def _seen(
+        self, view: View, i: int, place: Array, last: LastSighting, track: Track | None, eligible: bool
+    ) -> Track | None:
+        if track is not None:
+            track.n_eligible += eligible
+            track.see(view.codes[i], place, last, self._drift, self._frame_index)
+            return track
+        if not eligible:
+            return None
+        return self.library.add(view.codes[i], place, last, self._drift, self._frame_index)
+
+    def _confirm(self, seen: Sequence[Track]) -> list[Track]:
+        tentative = [track for track in seen if is_due(track, False, self.instantiation)]
+        if not tentative:
+            return []
+        known = [track for track in self.library.active() if track.confirmed]
+        drift, matched = drift_between(known, self._drift), {track.key for track in seen}
+        fresh = []
+        for track in tentative:
+            alike = similarity([track], known)[0] >= self.association.delta_shape_in_place
+            doubtful = may_be_known(track, alike, known, drift, matched, self.association.delta_prox_m)
+            if is_due(track, doubtful, self.instantiation):
+                self.library.confirm(track)
+                fresh.append(track)
+        return fresh
+
+    def _localize(
+        self, view: View, tracks: Sequence[Track | None], prediction: Belief, start: Array | None
+    ) -> Belief:
+        used = self._used(view, tracks)
+        if not used:
+            return prediction
+        places = places_of([track for i in used if (track := tracks[i]) is not None])
+        return localize(view.frames[used], places, prediction, start)
+
+    def _used(self, view: View, tracks: Sequence[Track | None]) -> list[int]:
+        """Observations that may constrain the pose."""
+        allowed = view.frames.ambiguous <= self.use_ambiguous
+        return [i for i, track in enumerate(tracks) if track is not None and allowed[i]]
+
+    def _advance(self, belief: Belief, motion: Motion) -> None:
+        self._frame_index += 1
+        step = np.minimum(_worst_variances(motion.covariance), _worst_variances(belief.covariance))
+        self._drift = self._drift + step
+
+
+def _worst_variances(covariance: Array) -> Array:
+    """(2,) largest variance of rotation (rad^2) and of translation (m^2)."""
+    return np.array([np.linalg.eigvalsh(covariance[:3, :3])[-1], np.linalg.eigvalsh(covariance[3:, 3:])[-1]])
