@@ -1,33 +1,27 @@
-"""Messages of the encoder node as records, and back: camera images, segmentation, object observations.
+"""Messages of the encoder node as records, and back: segmented frames and object observations.
 
-Whatever has the fields of a message will do, so that a bag reader's own classes can be passed. Every fault of a message
-is an InputError whose `reason` is a key for counters.
+Whatever has the fields of a message will do, so that a bag reader's own classes can be passed. Every fault of
+a message is an InputError whose `reason` is a key for counters.
 """
 
 from array import array
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
-from neuse_msgs.msg import Code as CodeMsg
-from neuse_msgs.msg import Instance as InstanceMsg
-from neuse_msgs.msg import InstanceArray, ObjectObservation, ObjectObservationArray
-from neuse_msgs.msg import Intrinsics as IntrinsicsMsg
-from neuse_msgs.msg import Rejection as RejectionMsg
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
 from neuse.embedding.code import Code
 from neuse.errors import InputError
 from neuse.records import Instance, Intrinsics, Observation, ObservedFrame, Rejection, RgbdFrame
-
-DEPTH_ENCODINGS = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
-MASK_ENCODINGS = {
-    "mono8": np.uint8, "8UC1": np.uint8, "mono16": np.uint16, "16UC1": np.uint16, "32SC1": np.int32
-}  # fmt: skip
-MILLIMETRE = np.float32(1e-3)
+from neuse_encoder_node.images import depth_from_msg, depth_to_msg, mask_from_msg, size_text
+from neuse_msgs.msg import Code as CodeMsg
+from neuse_msgs.msg import Instance as InstanceMsg
+from neuse_msgs.msg import InstanceArray, ObjectObservation, ObjectObservationArray
+from neuse_msgs.msg import Intrinsics as IntrinsicsMsg
+from neuse_msgs.msg import Rejection as RejectionMsg
 
 
 def stamp_from_msg(stamp: Time) -> int:
@@ -54,10 +48,10 @@ def frame_from_msgs(depth: Image, mask: Image, instances: InstanceArray, info: C
     depth_m, labels, intrinsics = depth_from_msg(depth), mask_from_msg(mask), intrinsics_from_msg(info)
     if labels.shape != depth_m.shape:
         raise InputError(
-            "size_mismatch", f"mask is {_size(labels)}, depth {_size(depth_m)}; send equal sizes"
+            "size_mismatch", f"mask is {size_text(labels)}, depth {size_text(depth_m)}; send equal sizes"
         )
     if (intrinsics.height, intrinsics.width) != depth_m.shape:
-        found = f"camera_info is for {intrinsics.width} x {intrinsics.height}, depth is {_size(depth_m)}"
+        found = f"camera_info is for {intrinsics.width} x {intrinsics.height}, depth is {size_text(depth_m)}"
         raise InputError("size_mismatch", f"{found}; send the camera_info of the depth image")
     return RgbdFrame(
         stamp_ns=stamp_from_msg(depth.header.stamp),
@@ -66,42 +60,6 @@ def frame_from_msgs(depth: Image, mask: Image, instances: InstanceArray, info: C
         instances=instances_from_msg(instances),
         intrinsics=intrinsics,
     )
-
-
-def depth_from_msg(image: Image) -> np.ndarray:
-    """(h, w) float32 metres, 0 where there is no finite positive reading."""
-    pixels = pixels_from_msg(image, DEPTH_ENCODINGS, "depth image")
-    if pixels.dtype.kind == "u":
-        return pixels.astype(np.float32) * MILLIMETRE
-    return np.where(np.isfinite(pixels) & (pixels > 0), pixels, 0).astype(np.float32)
-
-
-def mask_from_msg(image: Image) -> np.ndarray:
-    """(h, w) int32 instance labels, 0 = background."""
-    return pixels_from_msg(image, MASK_ENCODINGS, "mask").astype(np.int32)
-
-
-def pixels_from_msg(image: Image, encodings: Mapping[str, type], name: str) -> np.ndarray:
-    """(h, w) view of a single-channel image's data, in the image's own type.
-
-    Raises:
-        InputError: `encoding`, not one of `encodings`; `array_length`, the data does not fit the size.
-    """
-    if image.encoding not in encodings:
-        known = ", ".join(encodings)
-        raise InputError("encoding", f"{name} has encoding {image.encoding!r}; send one of {known}")
-    dtype = np.dtype(encodings[image.encoding]).newbyteorder(">" if image.is_bigendian else "<")
-    step = image.step or image.width * dtype.itemsize
-    data = np.frombuffer(image.data, dtype=np.uint8)
-    if (
-        image.width * image.height == 0
-        or step < image.width * dtype.itemsize
-        or data.size < step * image.height
-    ):
-        found = f"{data.size} bytes for {image.width} x {image.height} pixels with rows of {image.step} bytes"
-        raise InputError("array_length", f"{name} has {found}; send whole images")
-    rows = data[: step * image.height].reshape(image.height, step)
-    return np.ascontiguousarray(rows[:, : image.width * dtype.itemsize]).view(dtype)
 
 
 def intrinsics_from_msg(info: CameraInfo) -> Intrinsics:
@@ -235,19 +193,8 @@ def pinhole_from_msg(message: IntrinsicsMsg) -> Intrinsics:
     return Intrinsics(message.width, message.height, message.fx, message.fy, message.cx, message.cy)
 
 
-def depth_to_msg(depth_m: np.ndarray, header: Header) -> Image:
-    """(h, w) metres as a 32FC1 image."""
-    height, width = depth_m.shape
-    data = array("B", np.ascontiguousarray(depth_m, dtype="<f4").tobytes())
-    return Image(header=header, height=height, width=width, encoding="32FC1", step=4 * width, data=data)
-
-
 def floats(typecode: str, values: Any) -> array:
     """Numbers as the flat array that message fields take without a check of every element."""
     flat = array(typecode)
     flat.frombytes(np.ascontiguousarray(values, dtype=typecode).tobytes())
     return flat
-
-
-def _size(pixels: np.ndarray) -> str:
-    return f"{pixels.shape[1]} x {pixels.shape[0]}"

@@ -1,0 +1,79 @@
+"""encoder_node: segmented depth images in, latent codes of their objects out."""
+
+import sys
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+from sensor_msgs.msg import CameraInfo, Image
+
+from neuse.embedding.observe import Observer, ObserverParams
+from neuse.params import param
+from neuse_encoder_node.conversions import frame_from_msgs, observed_frame_to_msg, stamp_from_msg
+from neuse_encoder_node.stage_node import StageNode, StageParams, reliable, run, sensor
+from neuse_encoder_node.stamps import StampJoin
+from neuse_msgs.msg import InstanceArray, ObjectObservationArray
+
+NAME = "encoder_node"
+INPUTS = {
+    "depth/image": Image,
+    "segmentation/mask": Image,
+    "segmentation/instances": InstanceArray,
+    "depth/camera_info": CameraInfo,
+}
+
+
+@dataclass(frozen=True)
+class EncoderNodeParams(StageParams):
+    """Parameters of encoder_node."""
+
+    input_depth: int = param(
+        5, "depth of the best-effort input queues; raise it for bags at full rate", 1, 10000
+    )
+    join_size: int = param(20, "stamps that may wait for the rest of their messages", 1, 10000)
+    output_depth: int = param(50, "depth of the reliable output queue", 1, 10000)
+    observer: ObserverParams = field(default_factory=ObserverParams)
+
+
+class EncoderNode(StageNode):
+    """Joins depth, mask, instances and camera info of equal stamps, and publishes the objects' codes."""
+
+    def __init__(self) -> None:
+        super().__init__(NAME, EncoderNodeParams())
+
+    def build(self, params: EncoderNodeParams) -> None:
+        self._observer = Observer(params.observer)
+        self._join = StampJoin(list(INPUTS), params.join_size)
+        self._observations = self.offer(
+            ObjectObservationArray, "neuse/observations", reliable(params.output_depth)
+        )
+        for topic, message_type in INPUTS.items():
+            self.listen(message_type, topic, partial(self._receive, topic), sensor(params.input_depth))
+
+    def forget(self) -> None:
+        """Frames are encoded one by one: there is nothing to forget."""
+
+    def process(self, stamp_ns: int, messages: tuple[Any, ...]) -> None:
+        frame = frame_from_msgs(*messages)
+        with self.health.timed("observe"):
+            observed = self._observer.observe(frame)
+        for rejection in observed.rejections:
+            self.refuse(rejection.reason, f"{rejection.detail} (stamp {stamp_ns} ns)")
+        self.health.tally("objects", len(observed.observations))
+        self._observations.publish(observed_frame_to_msg(observed, messages[0].header.frame_id))
+
+    def _receive(self, topic: str, message: Any) -> None:
+        stamp_ns = stamp_from_msg(message.header.stamp)
+        joined = self._join.add(topic, stamp_ns, message)
+        for lost_ns, missing in self._join.take_lost():
+            self.refuse(
+                "incomplete_frame",
+                f"no {' nor '.join(missing)} with stamp {lost_ns} ns; the frame is dropped",
+            )
+        if joined is not None:
+            self.enqueue(stamp_ns, joined)
+
+
+def main() -> None:
+    """Entry point of `ros2 run neuse_encoder_node encoder_node`."""
+    sys.exit(run(EncoderNode))

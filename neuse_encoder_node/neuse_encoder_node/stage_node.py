@@ -1,0 +1,260 @@
+"""What the three nodes share: a lifecycle node that runs one stage of the library in a worker thread."""
+
+import signal
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.exceptions import ParameterException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Header
+
+from neuse.errors import InputError, NeuseError
+from neuse.params import CheckedParams, param
+from neuse_encoder_node.health import Health
+from neuse_encoder_node.parameters import declare_parameters, read_parameters
+from neuse_encoder_node.stamps import StampOrder, Succession
+from neuse_encoder_node.worker import Worker
+
+LOG_PERIOD_S = 5.0
+DRAIN_S = 10.0
+FLUSH = Duration(seconds=1)
+
+
+def latched(depth: int = 1) -> QoSProfile:
+    """Reliable, and the last messages are kept for whoever comes later."""
+    return QoSProfile(depth=depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def reliable(depth: int) -> QoSProfile:
+    """Nothing is lost as long as the receiver lags by less than `depth` messages."""
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def sensor(depth: int) -> QoSProfile:
+    """Matches every publisher; what comes too fast is lost."""
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+@dataclass(frozen=True)
+class StageParams(CheckedParams):
+    """Parameters that every node has."""
+
+    autostart: bool = param(True, "configure and activate on start; false: wait for a lifecycle manager")
+    queue_size: int = param(
+        10, "frames that may wait for the worker; beyond it the oldest is dropped", 1, 100000
+    )
+    restart_s: float = param(
+        1.0, "stamps that step back by more than this are a new run: everything is forgotten", 0.0, 1e6
+    )
+
+
+class StageNode(LifecycleNode):
+    """A lifecycle node around one stage.
+
+    A subclass says what to build (`build`), what to do with one item of the queue (`process`, in the worker), and how
+    to forget (`forget`). It hands items over with `enqueue`. `lock` is held around all three: the stage itself
+    knows no threads. An InputError drops the item, with one line and a counter; the node lives on.
+    """
+
+    def __init__(self, name: str, defaults: StageParams) -> None:
+        super().__init__(name)
+        self.defaults = defaults
+        self.health = Health()
+        self.lock = threading.Lock()
+        self._worker: Worker | None = None
+        self._active = False
+        self._logged_s: dict[str, float] = {}
+        self._subscriptions_here: list[Any] = []
+        self._publishers_here: list[Any] = []
+        declare_parameters(self, defaults)
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.create_timer(1.0, self.report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def build(self, params: Any) -> None:
+        """Build the stage and its connections."""
+        raise NotImplementedError
+
+    def process(self, stamp_ns: int, item: Any) -> None:
+        """Work on one item."""
+        raise NotImplementedError
+
+    def forget(self) -> None:
+        """Start anew, as if just built."""
+        raise NotImplementedError
+
+    def flush(self) -> None:
+        """Hand over to the worker what still waits, before the node falls silent."""
+
+    def finish(self) -> None:
+        """Publish what is still open once the worker is done."""
+
+    def listen(
+        self, message_type: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile
+    ) -> None:
+        """Subscribe until the node is cleaned up; nothing is heard while it is inactive."""
+        subscription = self.create_subscription(
+            message_type, topic, lambda message: callback(message) if self._active else None, qos
+        )
+        self._subscriptions_here.append(subscription)
+
+    def offer(self, message_type: type, topic: str, qos: QoSProfile) -> Any:
+        """A publisher until the node is cleaned up; silent while it is inactive."""
+        publisher = self.create_lifecycle_publisher(message_type, topic, qos)
+        self._publishers_here.append(publisher)
+        return publisher
+
+    def enqueue(self, stamp_ns: int, item: Any) -> None:
+        """Hand an item to the worker."""
+        if self._worker is not None:
+            self._worker.put((stamp_ns, item))
+
+    def refuse(self, reason: str, detail: str, amount: int = 1) -> None:
+        """Count a fault of the input, and log it unless this reason was logged just now."""
+        self.health.refuse(reason, amount)
+        now_s = time.monotonic()
+        if now_s - self._logged_s.get(reason, -LOG_PERIOD_S) >= LOG_PERIOD_S:
+            self._logged_s[reason] = now_s
+            self.get_logger().warning(f"{reason}: {detail}")
+
+    def report(self) -> None:
+        """Publish the node's diagnostics."""
+        header = Header(stamp=self.get_clock().now().to_msg())
+        self._diagnostics.publish(self.health.report(self.get_name(), header))
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        try:
+            params = read_parameters(self, self.defaults)
+            self._order = StampOrder(params.restart_s)
+            self.build(params)
+            self._worker = Worker(self.get_name(), self._work, params.queue_size, self._dropped)
+        except NeuseError as error:
+            self.get_logger().error(f"cannot configure: {error}")
+            self.health.fail(f"cannot configure: {error}")
+            self._disconnect()
+            return TransitionCallbackReturn.FAILURE
+        self.health.fail("")
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        result = super().on_activate(state)
+        self._active = True
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._fall_silent()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._disconnect()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._fall_silent()
+        self._disconnect()
+        return super().on_shutdown(state)
+
+    def _fall_silent(self) -> None:
+        """Hear no more, work through what waits, and say what is still open."""
+        if not self._active or self._worker is None:
+            return
+        self._active = False
+        self.flush()
+        if not self._worker.drain(DRAIN_S):
+            self.refuse("unfinished", f"the queue was not empty after {DRAIN_S:.0f} s; its rest is dropped")
+        with self.lock:
+            self.finish()
+        self.report()
+        for publisher in [*self._publishers_here, self._diagnostics]:
+            publisher.wait_for_all_acked(FLUSH)
+
+    def _disconnect(self) -> None:
+        if self._worker is not None:
+            self._worker.stop()
+            self._worker = None
+        for subscription in self._subscriptions_here:
+            self.destroy_subscription(subscription)
+        for publisher in self._publishers_here:
+            self.destroy_lifecycle_publisher(publisher)
+        self._subscriptions_here, self._publishers_here = [], []
+
+    def _work(self, entry: tuple[int, Any]) -> None:
+        stamp_ns, item = entry
+        try:
+            with self.lock:
+                self._process_in_order(stamp_ns, item)
+        except InputError as error:
+            self.refuse(error.reason, f"{error} (stamp {stamp_ns} ns)")
+        except NeuseError as error:
+            self.refuse(type(error).__name__, f"{error} (stamp {stamp_ns} ns)")
+        except Exception as error:  # the last guard of a thread that must not die of one message
+            self.refuse(
+                "internal_error", f"{error!r} (stamp {stamp_ns} ns); the frame is dropped, please report it"
+            )
+            self.get_logger().debug("internal error", exc_info=True)
+
+    def _process_in_order(self, stamp_ns: int, item: Any) -> None:
+        succession = self._order.follow(stamp_ns)
+        if succession == Succession.STALE:
+            raise InputError("stale_stamp", "stamp is not later than the one before; the frame is dropped")
+        if succession == Succession.RESTART:
+            self.refuse("time_jump", f"stamps went back to {stamp_ns} ns: a new run, everything is forgotten")
+            self.forget()
+        self.process(stamp_ns, item)
+        self.health.tally("frames")
+
+    def _dropped(self, entry: tuple[int, Any]) -> None:
+        self.refuse(
+            "dropped_frame",
+            f"frame {entry[0]} ns came faster than it can be worked on; slow down or widen queue_size",
+        )
+
+    def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        """The stage reads its parameters when it is configured, and not later."""
+        own = [parameter.name for parameter in parameters if parameter.name != "use_sim_time"]
+        if own and self._worker is not None:
+            reason = f"{own[0]} is read on configuration: deactivate and clean up the node first"
+            return SetParametersResult(successful=False, reason=reason)
+        return SetParametersResult(successful=True)
+
+
+def run(make_node: Callable[[], StageNode]) -> int:
+    """Run a node until Ctrl-C or SIGTERM; what waits in its queue is finished first. Returns an exit code."""
+    stop = threading.Event()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    try:
+        node = make_node()
+    except ParameterException as error:
+        rclpy.logging.get_logger("neuse").fatal(f"cannot start: {error}; correct the parameter")
+        rclpy.shutdown()
+        return 2
+    if node.get_parameter("autostart").value and node.trigger_configure() == TransitionCallbackReturn.SUCCESS:
+        node.trigger_activate()
+    _spin(node, stop)
+    node.trigger_shutdown()
+    node.destroy_node()
+    rclpy.shutdown()
+    return 0
+
+
+def _spin(node: StageNode, stop: threading.Event) -> None:
+    """rclpy's own handling of signals would close the context before the last messages are out."""
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while not stop.is_set():
+        executor.spin_once(timeout_sec=0.1)
+    executor.remove_node(node)

@@ -1,0 +1,262 @@
+"""Messages of the slam node as records, and back: poses, odometry, edges, keyframes, tracked frames.
+
+The pair for ObjectChange, which mapper_node publishes, is here as well, since mapper_node builds upon this package.
+Every fault of a message is an InputError whose `reason` is a key for counters.
+"""
+
+from collections.abc import Iterable, Sequence
+from enum import IntEnum
+from typing import TypeVar
+
+import numpy as np
+from geometry_msgs.msg import Point, Pose, PoseStamped, PoseWithCovariance, Quaternion
+from nav_msgs.msg import Odometry, Path
+from neuse_encoder_node.conversions import (
+    header_to_msg,
+    intrinsics_to_msg,
+    observation_from_msg,
+    observation_to_msg,
+    pinhole_from_msg,
+    stamp_from_msg,
+    stamp_to_msg,
+)
+from neuse_encoder_node.images import depth_from_msg, depth_to_msg
+
+from neuse.errors import InputError
+from neuse.geometry import (
+    Array,
+    covariance_from_ros,
+    covariance_to_ros,
+    quaternion_xyzw,
+    transform_from_quaternion,
+)
+from neuse.records import (
+    ChangeKind,
+    Edge,
+    EdgeKind,
+    Keyframe,
+    MatchStatus,
+    ObjectChange,
+    OdometrySample,
+    TrackedFrame,
+    TrackedObservation,
+)
+from neuse_msgs.msg import Keyframe as KeyframeMsg
+from neuse_msgs.msg import KeyframeArray, PoseGraphEdge, PoseGraphEdgeArray
+from neuse_msgs.msg import ObjectChange as ObjectChangeMsg
+from neuse_msgs.msg import TrackedFrame as TrackedFrameMsg
+from neuse_msgs.msg import TrackedObservation as TrackedObservationMsg
+
+Kind = TypeVar("Kind", bound=IntEnum)
+
+
+def pose_to_msg(T_target_source: Array) -> Pose:
+    """A rigid transform as the pose of `source` in `target`."""
+    x, y, z = T_target_source[:3, 3].tolist()
+    qx, qy, qz, qw = quaternion_xyzw(T_target_source).tolist()
+    return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+
+
+def transform_from_msg(pose: Pose) -> Array:
+    """T_target_source of the pose of `source` in `target`.
+
+    Raises:
+        InputError: `pose`, numbers that are not finite or a quaternion that is far from unit length.
+    """
+    p, q = pose.position, pose.orientation
+    numbers = np.array([p.x, p.y, p.z, q.x, q.y, q.z, q.w])
+    if not np.isfinite(numbers).all() or abs(np.linalg.norm(numbers[3:]) - 1.0) > 0.01:
+        raise InputError(
+            "pose", f"pose {numbers.tolist()} is none; send finite numbers and a unit quaternion"
+        )
+    return transform_from_quaternion(numbers[3:], numbers[:3])
+
+
+def pose_with_covariance_to_msg(T_target_source: Array, covariance: Array) -> PoseWithCovariance:
+    """A pose with the library's covariance, which ROS has in another order and on other axes."""
+    covariance_ros = covariance_to_ros(covariance, T_target_source)
+    return PoseWithCovariance(pose=pose_to_msg(T_target_source), covariance=covariance_ros.reshape(36))
+
+
+def pose_with_covariance_from_msg(message: PoseWithCovariance) -> tuple[Array, Array]:
+    """T_target_source, and its covariance as the library has it."""
+    T_target_source = transform_from_msg(message.pose)
+    covariance_ros = np.array(message.covariance, dtype=np.float64).reshape(6, 6)
+    return T_target_source, covariance_from_ros(covariance_ros, T_target_source)
+
+
+def odometry_from_msg(message: Odometry, T_child_camera: Array) -> OdometrySample:
+    """Pose of the camera in the odometry's frame, whose child frame may be another part of the robot."""
+    T_odom_child = transform_from_msg(message.pose.pose)
+    return OdometrySample(stamp_from_msg(message.header.stamp), T_odom_child @ T_child_camera)
+
+
+def odometry_to_msg(frame: TrackedFrame, map_frame: str, camera_frame: str) -> Odometry:
+    """The estimated pose of the camera in the map; twist is not estimated."""
+    message = Odometry(header=header_to_msg(frame.stamp_ns, map_frame), child_frame_id=camera_frame)
+    message.pose = pose_with_covariance_to_msg(frame.T_map_camera, frame.covariance)
+    return message
+
+
+def path_to_msg(keyframes: Sequence[Keyframe], map_frame: str) -> Path:
+    """The keyframes as a path."""
+    path = Path(header=header_to_msg(keyframes[-1].stamp_ns if keyframes else 0, map_frame))
+    for keyframe in keyframes:
+        header = header_to_msg(keyframe.stamp_ns, map_frame)
+        path.poses.append(PoseStamped(header=header, pose=pose_to_msg(keyframe.T_map_camera)))
+    return path
+
+
+def edge_to_msg(edge: Edge) -> PoseGraphEdge:
+    """A relative pose between two keyframes."""
+    return PoseGraphEdge(
+        from_id=edge.from_id,
+        to_id=edge.to_id,
+        from_stamp=stamp_to_msg(edge.from_stamp_ns),
+        to_stamp=stamp_to_msg(edge.to_stamp_ns),
+        kind=int(edge.kind),
+        pose=pose_with_covariance_to_msg(edge.T_from_to, edge.covariance),
+        object_ids=list(edge.object_ids),
+        residual_m=float(edge.residual_m),
+    )
+
+
+def edge_from_msg(message: PoseGraphEdge) -> Edge:
+    """A relative pose between two keyframes.
+
+    Raises:
+        InputError: `pose` or `enum_value`.
+    """
+    T_from_to, covariance = pose_with_covariance_from_msg(message.pose)
+    return Edge(
+        from_id=message.from_id,
+        to_id=message.to_id,
+        from_stamp_ns=stamp_from_msg(message.from_stamp),
+        to_stamp_ns=stamp_from_msg(message.to_stamp),
+        kind=_enum(EdgeKind, message.kind),
+        T_from_to=T_from_to,
+        covariance=covariance,
+        object_ids=tuple(message.object_ids),
+        residual_m=message.residual_m,
+    )
+
+
+def edges_to_msg(edges: Iterable[Edge], stamp_ns: int, camera_frame: str) -> PoseGraphEdgeArray:
+    """The edges that one frame added."""
+    header = header_to_msg(stamp_ns, camera_frame)
+    return PoseGraphEdgeArray(header=header, edges=[edge_to_msg(edge) for edge in edges])
+
+
+def keyframe_to_msg(keyframe: Keyframe) -> KeyframeMsg:
+    """A vertex of the pose graph."""
+    stamp = stamp_to_msg(keyframe.stamp_ns)
+    return KeyframeMsg(keyframe_id=keyframe.keyframe_id, stamp=stamp, pose=pose_to_msg(keyframe.T_map_camera))
+
+
+def keyframes_to_msg(keyframes: Iterable[Keyframe], stamp_ns: int, map_frame: str) -> KeyframeArray:
+    """All keyframes; the stamp is that of the newest frame."""
+    header = header_to_msg(stamp_ns, map_frame)
+    return KeyframeArray(header=header, keyframes=[keyframe_to_msg(keyframe) for keyframe in keyframes])
+
+
+def keyframes_from_msg(message: KeyframeArray) -> tuple[Keyframe, ...]:
+    """All keyframes."""
+    return tuple(
+        Keyframe(item.keyframe_id, stamp_from_msg(item.stamp), transform_from_msg(item.pose))
+        for item in message.keyframes
+    )
+
+
+def tracked_frame_to_msg(frame: TrackedFrame, map_frame: str, camera_frame: str) -> TrackedFrameMsg:
+    """A frame with its pose and objects."""
+    return TrackedFrameMsg(
+        header=header_to_msg(frame.stamp_ns, map_frame),
+        child_frame_id=camera_frame,
+        pose=pose_with_covariance_to_msg(frame.T_map_camera, frame.covariance),
+        observations=[_tracked_to_msg(tracked) for tracked in frame.observations],
+        intrinsics=intrinsics_to_msg(frame.intrinsics),
+        coarse_depth=depth_to_msg(frame.coarse_depth_m, header_to_msg(frame.stamp_ns, camera_frame)),
+        keyframe_id=frame.keyframe_id,
+        loop_closed=frame.loop_closed,
+        odometry_only=frame.odometry_only,
+        edges=[edge_to_msg(edge) for edge in frame.edges],
+        rejected_edges=frame.rejected_edges,
+    )
+
+
+def tracked_frame_from_msg(message: TrackedFrameMsg) -> TrackedFrame:
+    """A frame with its pose and objects.
+
+    Raises:
+        InputError: `array_length`, `pose` or `enum_value`.
+    """
+    T_map_camera, covariance = pose_with_covariance_from_msg(message.pose)
+    return TrackedFrame(
+        stamp_ns=stamp_from_msg(message.header.stamp),
+        T_map_camera=T_map_camera,
+        covariance=covariance,
+        observations=tuple(_tracked_from_msg(item) for item in message.observations),
+        intrinsics=pinhole_from_msg(message.intrinsics),
+        coarse_depth_m=depth_from_msg(message.coarse_depth),
+        keyframe_id=message.keyframe_id,
+        loop_closed=bool(message.loop_closed),
+        odometry_only=bool(message.odometry_only),
+        edges=tuple(edge_from_msg(item) for item in message.edges),
+        rejected_edges=message.rejected_edges,
+    )
+
+
+def change_to_msg(change: ObjectChange, map_frame: str) -> ObjectChangeMsg:
+    """A change of the scene."""
+    return ObjectChangeMsg(
+        header=header_to_msg(change.stamp_ns, map_frame),
+        kind=int(change.kind),
+        object_id=change.object_id,
+        category=change.category,
+        before=[] if change.T_map_before is None else [pose_to_msg(change.T_map_before)],
+        after=[] if change.T_map_after is None else [pose_to_msg(change.T_map_after)],
+        merged_id=change.merged_id,
+    )
+
+
+def change_from_msg(message: ObjectChangeMsg) -> ObjectChange:
+    """A change of the scene.
+
+    Raises:
+        InputError: `pose`, or `enum_value`.
+    """
+    return ObjectChange(
+        stamp_ns=stamp_from_msg(message.header.stamp),
+        kind=_enum(ChangeKind, message.kind),
+        object_id=message.object_id,
+        category=message.category,
+        T_map_before=transform_from_msg(message.before[0]) if message.before else None,
+        T_map_after=transform_from_msg(message.after[0]) if message.after else None,
+        merged_id=message.merged_id,
+    )
+
+
+def _tracked_to_msg(tracked: TrackedObservation) -> TrackedObservationMsg:
+    return TrackedObservationMsg(
+        observation=observation_to_msg(tracked.observation),
+        status=int(tracked.status),
+        object_id=tracked.object_id,
+        similar_ids=list(tracked.similar_ids),
+    )
+
+
+def _tracked_from_msg(message: TrackedObservationMsg) -> TrackedObservation:
+    return TrackedObservation(
+        observation=observation_from_msg(message.observation),
+        status=_enum(MatchStatus, message.status),
+        object_id=message.object_id,
+        similar_ids=tuple(message.similar_ids),
+    )
+
+
+def _enum(kind: type[Kind], value: int) -> Kind:
+    if value not in list(kind):
+        raise InputError(
+            "enum_value", f"{kind.__name__} has no value {value}; send one of {list(map(int, kind))}"
+        )
+    return kind(value)

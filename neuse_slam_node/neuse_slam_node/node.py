@@ -1,0 +1,189 @@
+"""slam_node: latent codes and odometry in; camera poses, keyframes and pose-graph edges out."""
+
+import sys
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from nav_msgs.msg import Odometry, Path
+from neuse_encoder_node.conversions import observed_frame_from_msg, stamp_from_msg
+from neuse_encoder_node.stage_node import StageNode, StageParams, latched, reliable, run, sensor
+from neuse_encoder_node.stamps import NANOSECONDS
+from rclpy.qos import QoSProfile
+
+from neuse.errors import InputError, ParamError
+from neuse.geometry import transform_from_quaternion
+from neuse.params import param
+from neuse.records import NO_ID, OdometrySample, TrackedFrame
+from neuse.slam.feedback import DELAY_S, ChangeFeedback
+from neuse.slam.slam import ObjectSlam, SlamParams
+from neuse_msgs.msg import KeyframeArray, ObjectChange, ObjectObservationArray, PoseGraphEdgeArray
+from neuse_msgs.msg import TrackedFrame as TrackedFrameMsg
+from neuse_slam_node import conversions
+from neuse_slam_node.map_frame import make_broadcaster
+from neuse_slam_node.odometry_match import OdometryMatch
+
+NAME = "slam_node"
+IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class SlamNodeParams(StageParams):
+    """Parameters of slam_node."""
+
+    queue_size: int = param(
+        100, "frames that may wait for the worker; beyond it the oldest is dropped", 1, 100000
+    )
+    topic_depth: int = param(100, "depth of the reliable queues", 1, 10000)
+    odometry_reliable: bool = param(True, "false: also hear odometry that is published as best effort")
+    odometry_wait_s: float = param(
+        0.3, "how far frames may run ahead of the odometry before they do without", 0.0, 10.0
+    )
+    feedback_delay_s: float = param(
+        DELAY_S, "a change is applied at the first frame this long after it", 0.0, 60.0
+    )
+    path_period_s: float = param(1.0, "the path is published at most this often, in stamps", 0.0, 60.0)
+    map_frame: str = param("map", "name of the frame of the estimate")
+    broadcast_tf: bool = param(True, "broadcast map -> odom where tf2_ros is installed")
+    T_child_camera: tuple[float, ...] = param(
+        IDENTITY,
+        "pose of the camera optical frame in the odometry's child frame: x, y, z (metres), qx, qy, qz, qw",
+    )
+    slam: SlamParams = field(default_factory=SlamParams)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.T_child_camera) != 7 or abs(np.linalg.norm(self.T_child_camera[3:]) - 1.0) > 0.01:
+            raise ParamError(
+                f"parameter T_child_camera = {self.T_child_camera} is no pose; give x, y, z, qx, qy, qz, qw"
+            )
+
+
+class SlamNode(StageNode):
+    """Tracks the camera against the objects. Frames wait for their odometry, changes for their delay."""
+
+    def __init__(self) -> None:
+        super().__init__(NAME, SlamNodeParams())
+
+    def build(self, params: SlamNodeParams) -> None:
+        self._params = params
+        self._slam = ObjectSlam(params.slam)
+        self._match = OdometryMatch(params.odometry_wait_s, params.restart_s)
+        self._feedback = ChangeFeedback(params.feedback_delay_s)
+        self._T_child_camera = transform_from_quaternion(params.T_child_camera[3:], params.T_child_camera[:3])
+        self._map_frame = make_broadcaster(self, params.map_frame) if params.broadcast_tf else None
+        self._odometry_topic = self.resolve_topic_name("odom")
+        self._camera_frame = self._odom_frame = ""
+        self._last_stamp_ns = self._next_path_ns = 0
+        self._counted: Counter[str] = Counter()
+        self._connect(params.topic_depth, reliable if params.odometry_reliable else sensor)
+
+    def _connect(self, depth: int, odometry_qos: Callable[[int], QoSProfile]) -> None:
+        self._edges = self.offer(PoseGraphEdgeArray, "neuse/edges", reliable(depth))
+        self._frames = self.offer(TrackedFrameMsg, "neuse/frames", reliable(depth))
+        self._keyframes = self.offer(KeyframeArray, "neuse/keyframes", latched(depth))
+        self._odometry = self.offer(Odometry, "neuse/odometry", reliable(depth))
+        self._path = self.offer(Path, "neuse/path", reliable(1))
+        self.listen(ObjectObservationArray, "neuse/observations", self._receive_frame, reliable(depth))
+        self.listen(Odometry, "odom", self._receive_odometry, odometry_qos(depth))
+        self.listen(PoseGraphEdgeArray, "neuse/external_edges", self._receive_edges, reliable(depth))
+        self.listen(ObjectChange, "neuse/changes", self._receive_change, reliable(depth))
+
+    def forget(self) -> None:
+        self._slam.reset()
+        self._feedback.clear()
+        self._counted.clear()
+        self._next_path_ns = 0
+
+    def process(self, stamp_ns: int, item: tuple[ObjectObservationArray, OdometrySample | None]) -> None:
+        message, odometry = item
+        self._camera_frame = message.header.frame_id
+        observed = observed_frame_from_msg(message)
+        for change in self._feedback.due(stamp_ns):
+            self._slam.apply_change(change)
+        with self.health.timed("slam"):
+            frame = self._slam.step(observed, odometry)
+        self._count_faults(stamp_ns)
+        self._publish(frame)
+        if odometry is not None and self._map_frame is not None:
+            self._map_frame.broadcast(frame, odometry.T_odom_camera, self._odom_frame)
+
+    def flush(self) -> None:
+        self._release(patient=False)
+
+    def finish(self) -> None:
+        self._publish_path()
+
+    def _receive_frame(self, message: ObjectObservationArray) -> None:
+        self._match.add_frame(stamp_from_msg(message.header.stamp), message)
+        self._release()
+
+    def _receive_odometry(self, message: Odometry) -> None:
+        try:
+            sample = conversions.odometry_from_msg(message, self._T_child_camera)
+        except InputError as error:
+            self.refuse(f"odometry_{error.reason}", str(error))
+            return
+        self._odom_frame = message.header.frame_id
+        self._match.add_sample(sample)
+        self._release()
+
+    def _release(self, patient: bool = True) -> None:
+        """Hand frames over to the worker that have their odometry, or need not wait for it."""
+        expected = patient and self.count_publishers(self._odometry_topic) > 0
+        for stamp_ns, message, odometry in self._match.release(expected):
+            self.enqueue(stamp_ns, (message, odometry))
+
+    def _receive_edges(self, message: PoseGraphEdgeArray) -> None:
+        try:
+            edges = [conversions.edge_from_msg(item) for item in message.edges]
+        except InputError as error:
+            self.refuse(f"external_edge_{error.reason}", str(error))
+            return
+        with self.lock:
+            added = self._slam.add_external_edges(edges)
+            self._count_faults(stamp_from_msg(message.header.stamp))
+            if added:
+                self.health.tally("external_edges", added)
+                self._publish_keyframes(self._last_stamp_ns)
+
+    def _receive_change(self, message: ObjectChange) -> None:
+        try:
+            change = conversions.change_from_msg(message)
+        except InputError as error:
+            self.refuse(f"change_{error.reason}", str(error))
+            return
+        with self.lock:
+            self._feedback.add(change)
+
+    def _count_faults(self, stamp_ns: int) -> None:
+        """Pass on what the library has counted since the last look."""
+        for reason, amount in (self._slam.counters - self._counted).items():
+            self.refuse(reason, f"{amount} refused (stamp {stamp_ns} ns)", amount)
+        self._counted = Counter(self._slam.counters)
+
+    def _publish(self, frame: TrackedFrame) -> None:
+        map_frame = self._params.map_frame
+        self._last_stamp_ns = frame.stamp_ns
+        if frame.edges:
+            self._edges.publish(conversions.edges_to_msg(frame.edges, frame.stamp_ns, self._camera_frame))
+        if frame.keyframe_id != NO_ID or frame.loop_closed:
+            self._publish_keyframes(frame.stamp_ns)
+        self._frames.publish(conversions.tracked_frame_to_msg(frame, map_frame, self._camera_frame))
+        self._odometry.publish(conversions.odometry_to_msg(frame, map_frame, self._camera_frame))
+        if frame.stamp_ns >= self._next_path_ns:
+            self._publish_path()
+            self._next_path_ns = frame.stamp_ns + int(self._params.path_period_s * NANOSECONDS)
+
+    def _publish_keyframes(self, stamp_ns: int) -> None:
+        message = conversions.keyframes_to_msg(self._slam.keyframes, stamp_ns, self._params.map_frame)
+        self._keyframes.publish(message)
+
+    def _publish_path(self) -> None:
+        self._path.publish(conversions.path_to_msg(self._slam.keyframes, self._params.map_frame))
+
+
+def main() -> None:
+    """Entry point of `ros2 run neuse_slam_node slam_node`."""
+    sys.exit(run(SlamNode))
