@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from evo import EvoException
 from evo.core import metrics
 from evo.core.geometry import GeometryException
 from evo.core.sync import SyncException, associate_trajectories
@@ -50,7 +51,12 @@ def trajectory_errors(estimate: Trajectory, truth: Trajectory) -> TrajectoryErro
     stamps_ns = np.rint(path.timestamps * 1e9).astype(np.int64) + estimate.stamps_ns[0]
     per_frame = _rpe_rmse(true_path, path, metrics.RPE(metrics.PoseRelation.translation_part, delta=1))
     per_m = metrics.RPE(
-        metrics.PoseRelation.translation_part, delta=1.0, delta_unit=metrics.Unit.meters, all_pairs=True
+        metrics.PoseRelation.translation_part,
+        delta=1.0,
+        delta_unit=metrics.Unit.meters,
+        rel_delta_tol=0.2,
+        all_pairs=True,
+        pairs_from_reference=True,
     )
     return TrajectoryErrors(
         make_transform(R, t), stamps_ns, ate.error, per_frame, _rpe_rmse(true_path, path, per_m)
@@ -82,6 +88,6 @@ def _rpe_rmse(true_path: PoseTrajectory3D, path: PoseTrajectory3D, metric: metri
     """Root mean square of a relative error; None when the path has no pair that far apart."""
     try:
         metric.process_data((true_path, path))
-    except metrics.MetricsException:
+    except EvoException:
         return None
     return float(metric.get_statistic(metrics.StatisticsType.rmse))
