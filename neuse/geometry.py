@@ -1,8 +1,8 @@
 """Rigid transforms as (4, 4) float64 arrays: p_target = T_target_source @ p_source.
 
 Tangent vectors are (6,) rotation first, [omega rad, v m], and perturb on the right (in the source frame):
-T_true = T @ exp(xi). Covariances inside the library are of that xi, as in GTSAM. ROS orders translation first,
-on the axes of the target frame; only this module converts.
+T_true = T @ exp(xi). Covariances inside the library are of that xi, as in GTSAM. ROS orders translation
+first, on the axes of the target frame; only this module converts.
 """
 
 import numpy as np
@@ -13,9 +13,9 @@ Array = NDArray[np.float64]
 
 
 def make_transform(R: ArrayLike, t: ArrayLike) -> Array:
-    """(4, 4) transform from a (3, 3) rotation and a (3,) translation."""
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, t
+    """(..., 4, 4) transforms from (..., 3, 3) rotations and (..., 3) translations."""
+    T = np.zeros((*np.shape(t)[:-1], 4, 4))
+    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, t, 1.0
     return T
 
 
@@ -56,7 +56,8 @@ def _left_jacobian(omega: Array) -> Array:
 def exp(xi: ArrayLike) -> Array:
     """SE(3) exponential of a (6,) tangent vector [omega, v]."""
     xi = np.asarray(xi, dtype=np.float64)
-    return make_transform(Rotation.from_rotvec(xi[:3]).as_matrix(), _left_jacobian(xi[:3]) @ xi[3:])
+    J = _left_jacobian(xi[:3])
+    return make_transform(np.eye(3) + skew(xi[:3]) @ J, J @ xi[3:])  # Rodrigues: R = I + [omega] J
 
 
 def log(T: Array) -> Array:
@@ -72,13 +73,13 @@ def adjoint(T: Array) -> Array:
 
 
 def transform_from_quaternion(q_xyzw: ArrayLike, t: ArrayLike) -> Array:
-    """(4, 4) transform from a quaternion in x, y, z, w order and a translation."""
+    """(..., 4, 4) transforms from (..., 4) quaternions in x, y, z, w order and (..., 3) translations."""
     return make_transform(Rotation.from_quat(np.asarray(q_xyzw, dtype=np.float64)).as_matrix(), t)
 
 
 def quaternion_xyzw(T: Array) -> Array:
-    """Unit quaternion of a transform's rotation, x, y, z, w order, w >= 0."""
-    return Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
+    """(..., 4) unit quaternions of the transforms' rotations, x, y, z, w order, w >= 0."""
+    return Rotation.from_matrix(T[..., :3, :3]).as_quat(canonical=True)
 
 
 def covariance_to_ros(covariance: Array, T_target_source: Array) -> Array:

@@ -16,7 +16,7 @@ from std_msgs.msg import Header
 from neuse.embedding.code import Code
 from neuse.errors import InputError
 from neuse.records import Instance, Intrinsics, Observation, ObservedFrame, Rejection, RgbdFrame
-from neuse_encoder_node.images import depth_from_msg, depth_to_msg, mask_from_msg, size_text
+from neuse_encoder_node.images import depth_from_msg, depth_to_msg, mask_from_msg
 from neuse_msgs.msg import Code as CodeMsg
 from neuse_msgs.msg import Instance as InstanceMsg
 from neuse_msgs.msg import InstanceArray, ObjectObservation, ObjectObservationArray
@@ -43,37 +43,20 @@ def frame_from_msgs(depth: Image, mask: Image, instances: InstanceArray, info: C
     """One segmented depth image from its four messages, whose stamps are equal.
 
     Raises:
-        InputError: unknown encoding, short data, unequal sizes, or a camera matrix that is none.
+        InputError: `encoding` or `array_length`; whether the four fit together the observer checks.
     """
-    depth_m, labels, intrinsics = depth_from_msg(depth), mask_from_msg(mask), intrinsics_from_msg(info)
-    if labels.shape != depth_m.shape:
-        raise InputError(
-            "size_mismatch", f"mask is {size_text(labels)}, depth {size_text(depth_m)}; send equal sizes"
-        )
-    if (intrinsics.height, intrinsics.width) != depth_m.shape:
-        found = f"camera_info is for {intrinsics.width} x {intrinsics.height}, depth is {size_text(depth_m)}"
-        raise InputError("size_mismatch", f"{found}; send the camera_info of the depth image")
     return RgbdFrame(
         stamp_ns=stamp_from_msg(depth.header.stamp),
-        depth_m=depth_m,
-        mask=labels,
+        depth_m=depth_from_msg(depth),
+        mask=mask_from_msg(mask),
         instances=instances_from_msg(instances),
-        intrinsics=intrinsics,
+        intrinsics=intrinsics_from_msg(info),
     )
 
 
 def intrinsics_from_msg(info: CameraInfo) -> Intrinsics:
-    """Pinhole camera of the rectified image; distortion is ignored.
-
-    Raises:
-        InputError: `camera_matrix`, focal lengths that are not positive, or a centre that is not finite.
-    """
-    fx, _, cx, _, fy, cy = np.asarray(info.k, dtype=np.float64)[:6].tolist()
-    if not (np.isfinite([fx, fy, cx, cy]).all() and fx > 0 and fy > 0):
-        raise InputError(
-            "camera_matrix",
-            f"camera_info has fx = {fx}, fy = {fy}, cx = {cx}, cy = {cy}; calibrate the camera",
-        )
+    """Pinhole camera of the rectified image; distortion is ignored."""
+    fx, _, cx, _, fy, cy = (float(value) for value in info.k[:6])
     return Intrinsics(info.width, info.height, fx, fy, cx, cy)
 
 

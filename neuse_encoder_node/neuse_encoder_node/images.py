@@ -54,8 +54,3 @@ def depth_to_msg(depth_m: np.ndarray, header: Header) -> Image:
     height, width = depth_m.shape
     data = array("B", np.ascontiguousarray(depth_m, dtype="<f4").tobytes())
     return Image(header=header, height=height, width=width, encoding="32FC1", step=4 * width, data=data)
-
-
-def size_text(pixels: np.ndarray) -> str:
-    """An image's size, as people write it."""
-    return f"{pixels.shape[1]} x {pixels.shape[0]}"

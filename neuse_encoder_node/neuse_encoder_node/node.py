@@ -32,7 +32,7 @@ class EncoderNodeParams(StageParams):
     )
     join_size: int = param(20, "stamps that may wait for the rest of their messages", 1, 10000)
     output_depth: int = param(50, "depth of the reliable output queue", 1, 10000)
-    observer: ObserverParams = field(default_factory=ObserverParams)
+    encoder: ObserverParams = field(default_factory=ObserverParams)
 
 
 class EncoderNode(StageNode):
@@ -42,7 +42,7 @@ class EncoderNode(StageNode):
         super().__init__(NAME, EncoderNodeParams())
 
     def build(self, params: EncoderNodeParams) -> None:
-        self._observer = Observer(params.observer)
+        self._observer = Observer(params.encoder)
         self._join = StampJoin(list(INPUTS), params.join_size)
         self._observations = self.offer(
             ObjectObservationArray, "neuse/observations", reliable(params.output_depth)

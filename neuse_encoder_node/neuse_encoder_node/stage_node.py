@@ -63,9 +63,10 @@ class StageParams(CheckedParams):
 class StageNode(LifecycleNode):
     """A lifecycle node around one stage.
 
-    A subclass says what to build (`build`), what to do with one item of the queue (`process`, in the worker), and how
-    to forget (`forget`). It hands items over with `enqueue`. `lock` is held around all three: the stage itself
-    knows no threads. An InputError drops the item, with one line and a counter; the node lives on.
+    A subclass says what to build (`build`), what to do with one item of the queue (`process`, in the
+    worker), and how to forget (`forget`). It hands items over with `enqueue`. The stage itself knows no
+    threads: `lock` is held whenever it is touched. A NeuseError drops the item, with one line and a
+    counter; the node lives on.
     """
 
     def __init__(self, name: str, defaults: StageParams) -> None:
@@ -78,6 +79,7 @@ class StageNode(LifecycleNode):
         self._logged_s: dict[str, float] = {}
         self._subscriptions_here: list[Any] = []
         self._publishers_here: list[Any] = []
+        self._services_here: list[Any] = []
         declare_parameters(self, defaults)
         self.add_on_set_parameters_callback(self._check_parameters)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -115,6 +117,10 @@ class StageNode(LifecycleNode):
         publisher = self.create_lifecycle_publisher(message_type, topic, qos)
         self._publishers_here.append(publisher)
         return publisher
+
+    def serve(self, service_type: type, name: str, callback: Callable[[Any, Any], Any]) -> None:
+        """Answer a service until the node is cleaned up."""
+        self._services_here.append(self.create_service(service_type, name, callback))
 
     def enqueue(self, stamp_ns: int, item: Any) -> None:
         """Hand an item to the worker."""
@@ -188,7 +194,9 @@ class StageNode(LifecycleNode):
             self.destroy_subscription(subscription)
         for publisher in self._publishers_here:
             self.destroy_lifecycle_publisher(publisher)
-        self._subscriptions_here, self._publishers_here = [], []
+        for service in self._services_here:
+            self.destroy_service(service)
+        self._subscriptions_here, self._publishers_here, self._services_here = [], [], []
 
     def _work(self, entry: tuple[int, Any]) -> None:
         stamp_ns, item = entry

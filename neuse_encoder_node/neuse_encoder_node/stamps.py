@@ -40,14 +40,13 @@ class StampOrder:
 class StampJoin:
     """Joins messages of several topics whose stamps are equal, in bounded memory.
 
-    A complete set makes older incomplete ones hopeless, as every topic keeps its order. `lost` lists what was given
-    up since the last look, as (stamp_ns, missing topics).
+    A complete set makes older incomplete ones hopeless, as every topic keeps its order.
     """
 
     def __init__(self, topics: Sequence[str], capacity: int) -> None:
         self._topics, self._capacity = tuple(topics), capacity
         self._waiting: dict[int, dict[str, Any]] = {}
-        self.lost: list[tuple[int, list[str]]] = []
+        self._lost: list[tuple[int, list[str]]] = []
 
     def add(self, topic: str, stamp_ns: int, message: Any) -> tuple[Any, ...] | None:
         """The messages of this stamp in the order of `topics` once all are there, else None."""
@@ -65,11 +64,11 @@ class StampJoin:
         self._waiting.clear()
 
     def take_lost(self) -> list[tuple[int, list[str]]]:
-        """What was given up since the last call."""
-        lost, self.lost = self.lost, []
+        """What was given up since the last call, as (stamp_ns, missing topics)."""
+        lost, self._lost = self._lost, []
         return lost
 
     def _give_up(self, stamps_ns: Sequence[int]) -> None:
         for stamp_ns in stamps_ns:
             joined = self._waiting.pop(stamp_ns)
-            self.lost.append((stamp_ns, [name for name in self._topics if name not in joined]))
+            self._lost.append((stamp_ns, [name for name in self._topics if name not in joined]))

@@ -1,7 +1,7 @@
 """Messages of the slam node as records, and back: poses, odometry, edges, keyframes, tracked frames.
 
-The pair for ObjectChange, which mapper_node publishes, is here as well, since mapper_node builds upon this package.
-Every fault of a message is an InputError whose `reason` is a key for counters.
+The pair for ObjectChange, which mapper_node publishes, is here as well, since mapper_node builds upon this
+package. Every fault of a message is an InputError whose `reason` is a key for counters.
 """
 
 from collections.abc import Iterable, Sequence
@@ -52,9 +52,16 @@ Kind = TypeVar("Kind", bound=IntEnum)
 
 def pose_to_msg(T_target_source: Array) -> Pose:
     """A rigid transform as the pose of `source` in `target`."""
-    x, y, z = T_target_source[:3, 3].tolist()
-    qx, qy, qz, qw = quaternion_xyzw(T_target_source).tolist()
-    return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+    return poses_to_msg(T_target_source[None])[0]
+
+
+def poses_to_msg(T_target_source: Array) -> list[Pose]:
+    """Rigid transforms (n, 4, 4) as poses."""
+    positions, quaternions = T_target_source[:, :3, 3].tolist(), quaternion_xyzw(T_target_source).tolist()
+    return [
+        Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+        for (x, y, z), (qx, qy, qz, qw) in zip(positions, quaternions, strict=True)
+    ]
 
 
 def transform_from_msg(pose: Pose) -> Array:
@@ -63,13 +70,17 @@ def transform_from_msg(pose: Pose) -> Array:
     Raises:
         InputError: `pose`, numbers that are not finite or a quaternion that is far from unit length.
     """
-    p, q = pose.position, pose.orientation
-    numbers = np.array([p.x, p.y, p.z, q.x, q.y, q.z, q.w])
-    if not np.isfinite(numbers).all() or abs(np.linalg.norm(numbers[3:]) - 1.0) > 0.01:
-        raise InputError(
-            "pose", f"pose {numbers.tolist()} is none; send finite numbers and a unit quaternion"
-        )
-    return transform_from_quaternion(numbers[3:], numbers[:3])
+    return transforms_from_msg([pose])[0]
+
+
+def transforms_from_msg(poses: Sequence[Pose]) -> Array:
+    """Rigid transforms (n, 4, 4) of poses; raises like `transform_from_msg`."""
+    parts = [(pose.position, pose.orientation) for pose in poses]
+    numbers = np.array([[p.x, p.y, p.z, q.x, q.y, q.z, q.w] for p, q in parts]).reshape(-1, 7)
+    lengths = np.linalg.norm(numbers[:, 3:], axis=1)
+    for row in numbers[~(np.isfinite(numbers).all(axis=1) & (np.abs(lengths - 1.0) < 0.01))]:
+        raise InputError("pose", f"{row.tolist()} is no pose; send finite numbers and a unit quaternion")
+    return transform_from_quaternion(numbers[:, 3:], numbers[:, :3])
 
 
 def pose_with_covariance_to_msg(T_target_source: Array, covariance: Array) -> PoseWithCovariance:
@@ -100,11 +111,10 @@ def odometry_to_msg(frame: TrackedFrame, map_frame: str, camera_frame: str) -> O
 
 def path_to_msg(keyframes: Sequence[Keyframe], map_frame: str) -> Path:
     """The keyframes as a path."""
-    path = Path(header=header_to_msg(keyframes[-1].stamp_ns if keyframes else 0, map_frame))
-    for keyframe in keyframes:
-        header = header_to_msg(keyframe.stamp_ns, map_frame)
-        path.poses.append(PoseStamped(header=header, pose=pose_to_msg(keyframe.T_map_camera)))
-    return path
+    headers = [header_to_msg(keyframe.stamp_ns, map_frame) for keyframe in keyframes]
+    poses = poses_to_msg(_stack(keyframes))
+    stamped = [PoseStamped(header=h, pose=pose) for h, pose in zip(headers, poses, strict=True)]
+    return Path(header=header_to_msg(keyframes[-1].stamp_ns if keyframes else 0, map_frame), poses=stamped)
 
 
 def edge_to_msg(edge: Edge) -> PoseGraphEdge:
@@ -147,23 +157,25 @@ def edges_to_msg(edges: Iterable[Edge], stamp_ns: int, camera_frame: str) -> Pos
     return PoseGraphEdgeArray(header=header, edges=[edge_to_msg(edge) for edge in edges])
 
 
-def keyframe_to_msg(keyframe: Keyframe) -> KeyframeMsg:
-    """A vertex of the pose graph."""
-    stamp = stamp_to_msg(keyframe.stamp_ns)
-    return KeyframeMsg(keyframe_id=keyframe.keyframe_id, stamp=stamp, pose=pose_to_msg(keyframe.T_map_camera))
-
-
-def keyframes_to_msg(keyframes: Iterable[Keyframe], stamp_ns: int, map_frame: str) -> KeyframeArray:
+def keyframes_to_msg(keyframes: Sequence[Keyframe], stamp_ns: int, map_frame: str) -> KeyframeArray:
     """All keyframes; the stamp is that of the newest frame."""
-    header = header_to_msg(stamp_ns, map_frame)
-    return KeyframeArray(header=header, keyframes=[keyframe_to_msg(keyframe) for keyframe in keyframes])
+    messages = [
+        KeyframeMsg(keyframe_id=keyframe.keyframe_id, stamp=stamp_to_msg(keyframe.stamp_ns), pose=pose)
+        for keyframe, pose in zip(keyframes, poses_to_msg(_stack(keyframes)), strict=True)
+    ]
+    return KeyframeArray(header=header_to_msg(stamp_ns, map_frame), keyframes=messages)
 
 
 def keyframes_from_msg(message: KeyframeArray) -> tuple[Keyframe, ...]:
-    """All keyframes."""
+    """All keyframes.
+
+    Raises:
+        InputError: `pose`.
+    """
+    T_map_camera = transforms_from_msg([item.pose for item in message.keyframes])
     return tuple(
-        Keyframe(item.keyframe_id, stamp_from_msg(item.stamp), transform_from_msg(item.pose))
-        for item in message.keyframes
+        Keyframe(item.keyframe_id, stamp_from_msg(item.stamp), T)
+        for item, T in zip(message.keyframes, T_map_camera, strict=True)
     )
 
 
@@ -252,6 +264,11 @@ def _tracked_from_msg(message: TrackedObservationMsg) -> TrackedObservation:
         object_id=message.object_id,
         similar_ids=tuple(message.similar_ids),
     )
+
+
+def _stack(keyframes: Sequence[Keyframe]) -> Array:
+    """(n, 4, 4) T_map_camera."""
+    return np.array([keyframe.T_map_camera for keyframe in keyframes]).reshape(-1, 4, 4)
 
 
 def _enum(kind: type[Kind], value: int) -> Kind:

@@ -32,16 +32,14 @@ IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 class SlamNodeParams(StageParams):
     """Parameters of slam_node."""
 
-    queue_size: int = param(
-        100, "frames that may wait for the worker; beyond it the oldest is dropped", 1, 100000
-    )
+    queue_size: int = param(100, "frames that may wait for the worker; beyond it the oldest goes", 1, 100000)
     topic_depth: int = param(100, "depth of the reliable queues", 1, 10000)
     odometry_reliable: bool = param(True, "false: also hear odometry that is published as best effort")
     odometry_wait_s: float = param(
-        0.3, "how far frames may run ahead of the odometry before they do without", 0.0, 10.0
+        0.3, "how far frames may get ahead of odometry before they do without", 0.0, 10.0
     )
     feedback_delay_s: float = param(
-        DELAY_S, "a change is applied at the first frame this long after it", 0.0, 60.0
+        DELAY_S, "a change is applied at the first frame so long after it", 0.0, 60.0
     )
     path_period_s: float = param(1.0, "the path is published at most this often, in stamps", 0.0, 60.0)
     map_frame: str = param("map", "name of the frame of the estimate")

@@ -12,9 +12,9 @@ from neuse.records import OdometrySample
 class OdometryMatch:
     """Holds frames until their odometry is there, in bounded memory.
 
-    A frame waits for the first sample that is not older than itself, as the nearest one is known only then. It does
-    not wait once frames are more than `wait_s` ahead of the odometry: that has stopped, or there is none. Samples
-    more than `restart_s` later than what comes are of an earlier run.
+    A frame waits for the first sample that is not older than itself: only then is the nearest one known.
+    It does not wait once frames are more than `wait_s` ahead of the odometry, which has stopped or was
+    never there. Samples more than `restart_s` later than what comes are of an earlier run.
     """
 
     def __init__(self, wait_s: float, restart_s: float, capacity: int = 1000) -> None:

@@ -1,0 +1,167 @@
+"""mapper_node: tracked frames in; object map, its changes, markers and points out."""
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from neuse_encoder_node.conversions import stamp_from_msg
+from neuse_encoder_node.stage_node import StageNode, StageParams, latched, reliable, run
+from neuse_encoder_node.stamps import NANOSECONDS
+from neuse_slam_node.conversions import change_to_msg, keyframes_from_msg, tracked_frame_from_msg
+from sensor_msgs.msg import PointCloud2
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
+
+from neuse.embedding.embedding import load_embedding, shipped_categories
+from neuse.errors import NeuseError
+from neuse.mapping.mapper import MapperParams, ObjectMapper
+from neuse.mapping.markers import MarkerBoard, map_points
+from neuse.params import param
+from neuse.records import ObjectChange
+from neuse_mapper_node import conversions
+from neuse_mapper_node.keyframe_match import KeyframeMatch
+from neuse_msgs.msg import KeyframeArray, ObjectMap, TrackedFrame
+from neuse_msgs.msg import ObjectChange as ObjectChangeMsg
+from neuse_msgs.srv import LoadMap, SaveMap
+
+NAME = "mapper_node"
+
+
+@dataclass(frozen=True)
+class MapperNodeParams(StageParams):
+    """Parameters of mapper_node."""
+
+    queue_size: int = param(200, "frames that may wait for the worker; beyond it the oldest goes", 1, 100000)
+    topic_depth: int = param(100, "depth of the reliable queues", 1, 10000)
+    map_period_s: float = param(1.0, "the map is published at most this often, in stamps", 0.0, 3600.0)
+    draw_period_s: float = param(3.0, "markers and points come at most this often, in stamps", 0.0, 3600.0)
+    map_frame: str = param("map", "name of the frame of the map")
+    load_path: str = param("", "map file to go on with; empty: start with nothing")
+    save_path: str = param("", "map file that is written when the node ends; empty: none")
+    mapper: MapperParams = field(default_factory=MapperParams)
+
+
+class MapperNode(StageNode):
+    """Keeps the object map. Frames wait for the keyframe estimates that were sent with them."""
+
+    def __init__(self) -> None:
+        super().__init__(NAME, MapperNodeParams())
+
+    def build(self, params: MapperNodeParams) -> None:
+        self._params = params
+        decoders = {category: load_embedding(category).reconstruct for category in shipped_categories()}
+        self._mapper = ObjectMapper(decoders, params.mapper)
+        if params.load_path:
+            self._mapper.load(params.load_path)
+        self._match = KeyframeMatch()
+        self._board = MarkerBoard()
+        self._next_map_ns = self._next_drawing_ns = 0
+        self._connect(params.topic_depth)
+
+    def _connect(self, depth: int) -> None:
+        self._map = self.offer(ObjectMap, "neuse/map", latched())
+        self._markers = self.offer(MarkerArray, "neuse/markers", latched())
+        self._points = self.offer(PointCloud2, "neuse/map_points", latched())
+        self._changes = self.offer(ObjectChangeMsg, "neuse/changes", reliable(depth))
+        self.listen(TrackedFrame, "neuse/frames", self._receive_frame, reliable(depth))
+        self.listen(KeyframeArray, "neuse/keyframes", self._receive_keyframes, latched(depth))
+        self.serve(SaveMap, "~/save_map", self._save_map)
+        self.serve(LoadMap, "~/load_map", self._load_map)
+        self.serve(Trigger, "~/reset", self._reset)
+
+    def process(self, stamp_ns: int, item: tuple[TrackedFrame, KeyframeArray | None]) -> None:
+        message, estimates = item
+        frame = tracked_frame_from_msg(message)
+        keyframes = () if estimates is None else keyframes_from_msg(estimates)
+        with self.health.timed("map"):
+            changes = self._mapper.step(frame, keyframes)
+        self._publish_changes(changes)
+        self._publish_map(stamp_ns, at_once=bool(changes))
+
+    def forget(self) -> None:
+        self._mapper.reset()
+        self._next_map_ns = self._next_drawing_ns = 0
+        self._markers.publish(conversions.markers_to_msg(self._board.clear(), 0, self._params.map_frame))
+
+    def flush(self) -> None:
+        self._release()
+
+    def finish(self) -> None:
+        self._publish_changes(self._mapper.finalize())
+        self._publish_map(self._mapper.object_map.stamp_ns, at_once=True)
+        if self._params.save_path:
+            self._mapper.save(self._params.save_path)
+
+    def _receive_frame(self, message: TrackedFrame) -> None:
+        self._match.add_frame(message)
+        self._release()
+
+    def _receive_keyframes(self, message: KeyframeArray) -> None:
+        self._match.add_keyframes(message)
+        self._release()
+
+    def _release(self) -> None:
+        for frame, estimates in self._match.release():
+            self.enqueue(stamp_from_msg(frame.header.stamp), (frame, estimates))
+
+    def _publish_changes(self, changes: tuple[ObjectChange, ...]) -> None:
+        for change in changes:
+            self.health.tally(f"changes_{change.kind.name.lower()}")
+            self._changes.publish(change_to_msg(change, self._params.map_frame))
+
+    def _publish_map(self, stamp_ns: int, at_once: bool) -> None:
+        if at_once or stamp_ns >= self._next_map_ns:
+            self._next_map_ns = stamp_ns + int(self._params.map_period_s * NANOSECONDS)
+            message = conversions.object_map_to_msg(self._mapper.object_map, self._params.map_frame)
+            self._map.publish(message)
+        if at_once or stamp_ns >= self._next_drawing_ns:
+            self._next_drawing_ns = stamp_ns + int(self._params.draw_period_s * NANOSECONDS)
+            with self.health.timed("draw"):
+                self._draw(stamp_ns)
+
+    def _draw(self, stamp_ns: int) -> None:
+        object_map, map_frame = self._mapper.object_map, self._params.map_frame
+        markers = self._board.draw(object_map, self._mapper.mesh, self._mapper.changes)
+        self._markers.publish(conversions.markers_to_msg(markers, stamp_ns, map_frame))
+        points, colors = map_points(object_map, self._mapper.mesh)
+        self._points.publish(conversions.points_to_msg(points, colors, stamp_ns, map_frame))
+
+    def _save_map(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
+        def save() -> str:
+            self._mapper.save(request.path)
+            return f"{len(self._mapper.object_map.objects)} objects written to {request.path}"
+
+        return self._answer(response, save)
+
+    def _load_map(self, request: LoadMap.Request, response: LoadMap.Response) -> LoadMap.Response:
+        def load() -> str:
+            self._mapper.load(request.path)
+            object_map = self._mapper.object_map
+            self._publish_map(object_map.stamp_ns, at_once=True)
+            return f"{len(object_map.objects)} objects loaded from {request.path}"
+
+        return self._answer(response, load)
+
+    def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        def reset() -> str:
+            self.forget()
+            return "the map is empty"
+
+        return self._answer(response, reset)
+
+    def _answer(self, response: Any, act: Callable[[], str]) -> Any:
+        """What the act says, or why it could not be done."""
+        try:
+            with self.lock:
+                response.message = act()
+            response.success = True
+        except (NeuseError, OSError) as error:
+            response.message = str(error)
+            self.refuse("service_failed", str(error))
+        return response
+
+
+def main() -> None:
+    """Entry point of `ros2 run neuse_mapper_node mapper_node`."""
+    sys.exit(run(MapperNode))
