@@ -4,17 +4,17 @@ from array import array
 from collections.abc import Iterable
 
 import numpy as np
-from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from geometry_msgs.msg import Point, Vector3
 from nav_msgs.msg import Odometry
-from neuse_encoder_node.conversions import header_to_msg, stamp_from_msg
+from neuse_encoder_node.conversions import header_to_msg
+from neuse_slam_node.conversions import pose_to_msg, transform_from_msg
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
 from neuse.evaluation.truth import TrueObject
-from neuse.geometry import Array, quaternion_xyzw, transform_from_quaternion
-from neuse.records import ChangeKind, Intrinsics
-from neuse.records import ObjectChange as ObjectChangeRecord
-from neuse_msgs.msg import Code, MapObject, ObjectChange, ObjectMap
+from neuse.geometry import Array
+from neuse.records import Intrinsics
+from neuse_msgs.msg import Code, MapObject, ObjectMap
 
 CAMERA_FRAME = "camera_optical_frame"
 WORLD_FRAME = "world"
@@ -57,27 +57,10 @@ def camera_info_to_msg(intrinsics: Intrinsics, header: Header) -> CameraInfo:
     )
 
 
-def pose_to_msg(T_target_source: Array) -> Pose:
-    """A rigid transform as a pose."""
-    x, y, z = map(float, T_target_source[:3, 3])
-    qx, qy, qz, qw = map(float, quaternion_xyzw(T_target_source))
-    return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
-
-
-def pose_from_msg(pose: Pose) -> Array:
-    """A pose as a rigid transform."""
-    p, q = pose.position, pose.orientation
-    return transform_from_quaternion([q.x, q.y, q.z, q.w], [p.x, p.y, p.z])
-
-
-def odometry_to_msg(
-    stamp_ns: int, T_frame_camera: Array, frame_id: str, covariance: Array | None = None
-) -> Odometry:
-    """Pose of the camera in `frame_id`; covariance (6, 6) in ROS order, or None for zeros."""
+def odometry_to_msg(stamp_ns: int, T_frame_camera: Array, frame_id: str) -> Odometry:
+    """Pose of the camera in `frame_id`, without covariance."""
     message = Odometry(header=header_to_msg(stamp_ns, frame_id), child_frame_id=CAMERA_FRAME)
     message.pose.pose = pose_to_msg(T_frame_camera)
-    if covariance is not None:
-        message.pose.covariance = covariance.ravel()
     return message
 
 
@@ -91,32 +74,6 @@ def true_map_to_msg(stamp_ns: int, objects: Iterable[TrueObject]) -> ObjectMap:
 def true_objects_from_msg(message: ObjectMap) -> tuple[TrueObject, ...]:
     """The objects of a ground-truth map."""
     return tuple(_true_object_from_msg(item) for item in message.objects)
-
-
-def true_change_to_msg(change: ObjectChangeRecord) -> ObjectChange:
-    """A true change; its places are in the world."""
-    return ObjectChange(
-        header=header_to_msg(change.stamp_ns, WORLD_FRAME),
-        kind=int(change.kind),
-        object_id=change.object_id,
-        category=change.category,
-        before=[] if change.T_map_before is None else [pose_to_msg(change.T_map_before)],
-        after=[] if change.T_map_after is None else [pose_to_msg(change.T_map_after)],
-        merged_id=change.merged_id,
-    )
-
-
-def true_change_from_msg(message: ObjectChange) -> ObjectChangeRecord:
-    """A true change; its places are in the world."""
-    return ObjectChangeRecord(
-        stamp_ns=stamp_from_msg(message.header.stamp),
-        kind=ChangeKind(message.kind),
-        object_id=message.object_id,
-        category=message.category,
-        T_map_before=pose_from_msg(message.before[0]) if message.before else None,
-        T_map_after=pose_from_msg(message.after[0]) if message.after else None,
-        merged_id=message.merged_id,
-    )
 
 
 def _true_object_to_msg(item: TrueObject) -> MapObject:
@@ -139,7 +96,7 @@ def _true_object_from_msg(message: MapObject) -> TrueObject:
     return TrueObject(
         object_id=message.object_id,
         category=message.category,
-        T_world_object=pose_from_msg(message.pose),
+        T_world_object=transform_from_msg(message.pose),
         box_size=np.array([size.x, size.y, size.z]),
         n_seen=message.n_observations,
     )

@@ -1,7 +1,7 @@
 """Compare what a run recorded with ground truth, and write report, tables and pictures into a folder.
 
-DIR gets report.json, report.html, trajectory.tum, edges.csv, changes.json, trajectory.png and map.png. Places in the
-map are compared with the world through the SE(3) alignment of the final camera path.
+DIR gets report.json, report.html, trajectory.tum, edges.csv, changes.json, trajectory.png and map.png. Places
+in the map are compared with the world through the SE(3) alignment of the final camera path.
 """
 
 import argparse

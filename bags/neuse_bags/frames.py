@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from neuse_encoder_node.conversions import frame_from_msgs, header_to_msg, instances_to_msg, stamp_from_msg
 from neuse_encoder_node.stamps import StampJoin
+from neuse_slam_node.conversions import transform_from_msg
 
 from neuse.errors import InputError
 from neuse.records import OdometrySample, RgbdFrame
@@ -15,7 +16,6 @@ from neuse_bags.conversions import (
     depth_to_msg,
     image_to_msg,
     mask_to_msg,
-    pose_from_msg,
 )
 from neuse_bags.mcap_file import BagReader, BagWriter
 
@@ -75,5 +75,5 @@ def read_odometry(bag: BagReader) -> OdometryTrack:
     """The odometry of a bag; empty where it has none."""
     messages = (message.decode() for message in bag.messages([topics.ODOMETRY.name]))
     return OdometryTrack(
-        [OdometrySample(stamp_from_msg(m.header.stamp), pose_from_msg(m.pose.pose)) for m in messages]
+        [OdometrySample(stamp_from_msg(m.header.stamp), transform_from_msg(m.pose.pose)) for m in messages]
     )

@@ -5,8 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from neuse_encoder_node.conversions import stamp_from_msg
-from neuse_mapper_node.conversions import object_change_from_msg, object_map_from_msg
-from neuse_slam_node.conversions import keyframes_from_msg, tracked_frame_from_msg
+from neuse_mapper_node.conversions import object_map_from_msg
+from neuse_slam_node.conversions import (
+    change_from_msg,
+    keyframes_from_msg,
+    tracked_frame_from_msg,
+    transform_from_msg,
+)
 
 from neuse.errors import BagError
 from neuse.evaluation.estimate import Estimate
@@ -15,7 +20,7 @@ from neuse.evaluation.truth import TrueMap, Truth
 from neuse.mapping.change_detection import settled_changes
 from neuse.records import ObjectMap
 from neuse_bags import topics
-from neuse_bags.conversions import pose_from_msg, true_change_from_msg, true_objects_from_msg
+from neuse_bags.conversions import true_objects_from_msg
 from neuse_bags.mcap_file import BagReader
 
 STAGE_PREFIX = "stage_ms/"
@@ -31,7 +36,7 @@ def read_estimate(path: Path) -> Estimate:
         bag.require([topics.FRAMES.name])
         frames = [tracked_frame_from_msg(message) for message in _decoded(bag, topics.FRAMES)]
         keyframes = [keyframes_from_msg(message) for message in _decoded(bag, topics.KEYFRAMES)]
-        changes = [object_change_from_msg(message) for message in _decoded(bag, topics.CHANGES)]
+        changes = [change_from_msg(message) for message in _decoded(bag, topics.CHANGES)]
         maps = [object_map_from_msg(message) for message in _decoded(bag, topics.MAP)]
         stage_ms = _stage_times(_decoded(bag, topics.DIAGNOSTICS))
     if not frames:
@@ -65,7 +70,7 @@ def read_truth(path: Path) -> Truth | None:
                 TrueMap(stamp_from_msg(message.header.stamp), true_objects_from_msg(message))
                 for message in _decoded(bag, topics.TRUE_MAP)
             ),
-            changes=tuple(true_change_from_msg(message) for message in _decoded(bag, topics.TRUE_CHANGES)),
+            changes=tuple(change_from_msg(message) for message in _decoded(bag, topics.TRUE_CHANGES)),
             traversal_starts_ns=tuple(m.stamp_ns for m in bag.messages([topics.TRUE_TRAVERSAL.name])),
         )
 
@@ -75,7 +80,7 @@ def _decoded(bag: BagReader, topic: topics.TopicSpec) -> Iterator[Any]:
 
 
 def _trajectory(messages: Iterator[Any]) -> Trajectory:
-    poses = [(stamp_from_msg(m.header.stamp), pose_from_msg(m.pose.pose)) for m in messages]
+    poses = [(stamp_from_msg(m.header.stamp), transform_from_msg(m.pose.pose)) for m in messages]
     return trajectory_of([stamp_ns for stamp_ns, _ in poses], [T for _, T in poses])
 
 

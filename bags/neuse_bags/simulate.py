@@ -10,6 +10,7 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
+from neuse_slam_node.conversions import change_to_msg
 from std_msgs.msg import UInt32
 from tqdm import tqdm
 
@@ -19,7 +20,7 @@ from neuse.simulation.worlds import PRESETS, SimulatedFrame, make_world, simulat
 from neuse.simulation.worlds import TrueObject as PlacedShape
 from neuse_bags import topics
 from neuse_bags.cli import command_parser, run_command, stop_on_signal
-from neuse_bags.conversions import WORLD_FRAME, odometry_to_msg, true_change_to_msg, true_map_to_msg
+from neuse_bags.conversions import WORLD_FRAME, odometry_to_msg, true_map_to_msg
 from neuse_bags.frames import write_frame
 from neuse_bags.mcap_file import BagWriter
 
@@ -55,7 +56,7 @@ class TruthWriter:
 
     def _add_change(self, change: ObjectChange) -> None:
         self._seen.pop(change.object_id, None)
-        self._writer.write(topics.TRUE_CHANGES.name, true_change_to_msg(change), change.stamp_ns)
+        self._writer.write(topics.TRUE_CHANGES.name, change_to_msg(change, WORLD_FRAME), change.stamp_ns)
 
     def _write_map(self, simulated: SimulatedFrame) -> None:
         objects = [_true_object(item, self._seen[item.object_id]) for item in simulated.objects]

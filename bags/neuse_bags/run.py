@@ -1,0 +1,78 @@
+"""Run the in-process pipeline over a bag: the same library calls as the nodes, without DDS, repeatable.
+
+DIR gets recording.mcap, with the topics that the nodes would publish, and all that evaluate writes. Ground truth is
+read from the same BAG, after the run; without any, the figures that need it are null.
+"""
+
+import argparse
+import sys
+from collections import Counter
+from pathlib import Path
+
+from tqdm import tqdm
+
+from neuse.errors import InputError
+from neuse.pipeline import Pipeline
+from neuse_bags import topics
+from neuse_bags.cli import command_parser, run_command, stop_on_signal
+from neuse_bags.evaluate import evaluate_recording
+from neuse_bags.frames import read_frames, read_odometry
+from neuse_bags.mcap_file import BagReader, BagWriter
+from neuse_bags.run_recorder import RunRecorder
+
+
+class Faults:
+    """Counts unusable input by reason, and says each reason once."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter()
+
+    def add(self, error: InputError) -> None:
+        """Count one."""
+        if not self.counts[error.reason]:
+            print(f"run: {error.reason}: {error}", file=sys.stderr)
+        self.counts[error.reason] += 1
+
+
+def run_pipeline(bag: BagReader, writer: BagWriter, pipeline: Pipeline) -> Counter[str]:
+    """Every frame of a bag through a pipeline; returns counts of unusable input by reason.
+
+    Raises:
+        KeyboardInterrupt: stopped by a signal; what was written is whole.
+    """
+    faults, recorder, odometry = Faults(), RunRecorder(writer, pipeline), read_odometry(bag)
+    total = bag.topics[topics.DEPTH.name].n_messages if topics.DEPTH.name in bag.topics else 0
+    with stop_on_signal() as stop:
+        for frame in tqdm(read_frames(bag, faults.add), total=total, unit="frame"):
+            try:
+                recorder.add(pipeline.step(frame, odometry.at(frame.stamp_ns)))
+            except InputError as error:
+                faults.add(error)
+            if stop.is_set():
+                raise KeyboardInterrupt
+    recorder.add_changes(pipeline.mapper.finalize())
+    recorder.finish()
+    return faults.counts
+
+
+def run(args: argparse.Namespace) -> None:
+    """The command."""
+    recording = args.out / "recording.mcap"
+    with BagReader(args.bag) as bag, BagWriter(recording) as writer:
+        faults = run_pipeline(bag, writer, Pipeline())
+    for reason, count in faults.items():
+        print(f"run: {count} x {reason}", file=sys.stderr)
+    print(evaluate_recording(recording, args.bag, args.out))
+
+
+def parser() -> argparse.ArgumentParser:
+    """Arguments of the command."""
+    made = command_parser("run", __doc__)
+    made.add_argument("bag", type=Path, metavar="BAG", help=".mcap file or rosbag2 folder")
+    made.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write into")
+    return made
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Entry point."""
+    return run_command(parser(), run, argv)
