@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -42,8 +43,11 @@ class Sight:
         return not self._in_image(points_camera, 0.0, MARGIN_M).any()
 
     def _in_cameras(self, point: Array) -> Array:
-        T_camera_world = inverse(self.trajectory.T_world_camera)
-        return T_camera_world[:, :3, :3] @ point + T_camera_world[:, :3, 3]
+        return self._T_camera_world[:, :3, :3] @ point + self._T_camera_world[:, :3, 3]
+
+    @cached_property
+    def _T_camera_world(self) -> Array:
+        return inverse(self.trajectory.T_world_camera)
 
     def _in_image(self, points_camera: Array, margin_px: float, margin_m: float) -> np.ndarray:
         k, z = self.intrinsics, np.maximum(points_camera[:, 2], 1e-6)

@@ -70,7 +70,7 @@ def _circle_route(angles_deg: Sequence[float], table_radius: float, standoff_m: 
     for angle in angles_deg:
         near, between = _polar(camera_radius, angle), _polar(camera_radius + 0.1, angle + 60.0)
         route.append(_waypoint(*near, *_polar(table_radius + 0.1, angle), look_m=0.7))
-        route.append(_waypoint(*between, *_polar(-0.6 * table_radius, angle + 60.0)))
+        route.append(_waypoint(*between, 0.0, 0.0, look_m=0.62))
     return tuple(route)
 
 
@@ -92,10 +92,10 @@ def _along_route(tables: Sequence[Table], standoff_m: float) -> Route:
 
 
 TRIANGLE = (-90.0, 30.0, 150.0)
-_LOOP = _circle_route(TRIANGLE, table_radius=0.9, standoff_m=0.62)
+_LOOP = _circle_route(TRIANGLE, table_radius=0.8, standoff_m=0.62)
 _TABLETOP = WorldPreset(
     name="tabletop",
-    tables=_ring_tables(TRIANGLE, radius=0.9, size_m=(1.0, 0.5)),
+    tables=_ring_tables(TRIANGLE, radius=0.8, size_m=(1.0, 0.5)),
     routes=(_LOOP, _LOOP),
     changes=(ChangePlan(traversal=1, added=1, removed=1, moved=1),),
     objects=12,

@@ -107,7 +107,7 @@ class Timeline:
 
 def footprint(shape: Shape, T_world_object: Array) -> Array:
     """(m, 2) corners, counter-clockwise, of the convex hull of an object seen from above; metres, world."""
-    outline = transform_points(T_world_object, shape.mesh.convex_hull.vertices)[:, :2]
+    outline = transform_points(T_world_object, shape.mesh.vertices)[:, :2]
     return outline[ConvexHull(outline).vertices]
 
 
