@@ -1,7 +1,8 @@
-"""What flows between the stages: camera -> observations -> tracked frames -> object map. One dataclass a record.
+"""What flows between the stages: camera -> observations -> tracked frames -> object map. One dataclass a
+record.
 
-Each record has a message twin in neuse_msgs. Frames: `camera` is the optical frame (z forward, x right, y down),
-`map` the world of the estimate, `odom` the odometry's own. Stamps are integer nanoseconds.
+Each record has a message twin in neuse_msgs. Frames: `camera` is the optical frame (z forward, x right, y
+down), `map` the world of the estimate, `odom` the odometry's own. Stamps are integer nanoseconds.
 """
 
 from dataclasses import dataclass, field
@@ -76,7 +77,8 @@ class Observation:
 
 @dataclass(frozen=True)
 class Rejection:
-    """An instance or a frame that was not used: `reason` is a short key for counters, `detail` one line for people."""
+    """An instance or a frame that was not used: `reason` is a short key for counters, `detail` one line for
+    people."""
 
     reason: str
     detail: str
@@ -118,7 +120,8 @@ class EdgeKind(IntEnum):
 class Edge:
     """A relative pose between two keyframes: p_from = T_from_to @ p_to; covariance as in neuse.geometry.
 
-    object_ids: the objects it was computed from (empty for odometry).    residual_m: rms of the aligned codes.
+    object_ids: the objects it was computed from (empty for odometry).    residual_m: rms of the aligned
+    codes.
     """
 
     from_id: int
@@ -135,8 +138,10 @@ class Edge:
 class MatchStatus(IntEnum):
     """Outcome of data association for one observation (NeuSE IV-B).
 
-    MATCHED: at the place of a known object of this shape.    UNMATCHED: shape known, but no object at this place.
-    NEW: instantiated as an object in this very frame.    TENTATIVE: no object yet (too far, small or rarely seen).
+    MATCHED: at the place of a known object of this shape.    UNMATCHED: shape known, but no object at this
+    place.
+    NEW: instantiated as an object in this very frame.    TENTATIVE: no object yet (too far, small or rarely
+    seen).
     """
 
     MATCHED = 0
@@ -202,7 +207,8 @@ class ChangeKind(IntEnum):
 class ObjectChange:
     """One change of the scene.
 
-    object_id: the object, under its lasting id.    merged_id: for MOVED, the id under which the tracker had met the
+    object_id: the object, under its lasting id.    merged_id: for MOVED, the id under which the tracker had
+    met the
     object at its new place (NO_ID otherwise): the tracker must call it object_id from now on.
     T_map_before, T_map_after: p_map = T @ p_object, None where the object was not there.
     """

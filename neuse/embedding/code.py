@@ -1,9 +1,9 @@
 """The latent code: k points that move with the object, and the rigid frame that they span.
 
-The first half of the points are landmarks, z_j = c + E a_j: c is the object's centre, a_j the fixed template below and
-E = R_camera_object diag(extents) the object's scaled axes. E[:, 2] points along the axis to the top, E[:, 0] to the
-handle. For ambiguous (axially symmetric) objects only the component along the axis is there: z_j = c + E[:, 2] a_j[2].
-The second half is free for the decoder.
+The first half of the points are landmarks, z_j = c + E a_j: c is the object's centre, a_j the fixed template
+below and E = R_camera_object diag(extents) the object's scaled axes. E[:, 2] points along the axis to the
+top, E[:, 0] to the handle. For ambiguous (axially symmetric) objects only the component along the axis is
+there: z_j = c + E[:, 2] a_j[2]. The second half is free for the decoder.
 """
 
 from dataclasses import dataclass, replace
@@ -30,7 +30,8 @@ class Code:
 
     z: (k, 3) float64 latent points, metres, in the frame of the encoded cloud.
     descriptor: (k,) float64, unit length, invariant to pose; compare by the dot product.
-    sigmas: (6,) float64, standard deviations of the object's rigid frame, rotation first (rad), then translation (m),
+    sigmas: (6,) float64, standard deviations of the object's rigid frame, rotation first (rad), then
+    translation (m),
         along the object frame's axes; for ambiguous objects the third (about the axis) is pi.
     """
 
@@ -58,7 +59,8 @@ class Code:
 
     @property
     def T_frame_object(self) -> Array:
-        """(4, 4) pose of the object frame: p_frame = T_frame_object @ p_object; x is arbitrary if ambiguous."""
+        """(4, 4) pose of the object frame: p_frame = T_frame_object @ p_object; x is arbitrary if
+        ambiguous."""
         return make_transform(_orthonormal(self.axes, self.ambiguous), self.center)
 
     def transformed(self, T_target_source: Array) -> "Code":

@@ -19,8 +19,8 @@ PER_SHAPE = ("queries", "occupied", "extents")
 class Batch(NamedTuple):
     """Views in network units (0.1 m), relative to each view's partial centre.
 
-    points (B, N, 3); target (B, 3, 4) true centre and scaled axes; shape (B,) index; queries (B, Q, 3), occupied (B, Q);
-    index (B,) of the views in the dataset.
+    points (B, N, 3); target (B, 3, 4) true centre and scaled axes; shape (B,) index; queries (B, Q, 3),
+    occupied (B, Q); index (B,) of the views in the dataset.
     """
 
     points: Tensor
@@ -28,7 +28,7 @@ class Batch(NamedTuple):
     shape: Tensor
     queries: Tensor
     occupied: Tensor
-    index: Tensor
+    view: Tensor
 
 
 class ViewSet:

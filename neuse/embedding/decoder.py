@@ -9,8 +9,8 @@ from neuse.embedding.layers import ResnetBlockFC, VNLinear
 class Decoder(nn.Module):
     """Phi(x, z): occupancy logits from inner products <x, z_j>, invariants of z and |x|^2.
 
-    The inner products enter linearly, so (W z) x is computed instead of W (z x): the first layer costs 3 and not k
-    multiplications a point and channel.
+    The inner products enter linearly, so (W z) x is computed instead of W (z x): the first layer costs 3 and
+    not k multiplications a point and channel.
     """
 
     def __init__(self, n_latent: int, width: int = 128, n_blocks: int = 5) -> None:
@@ -23,7 +23,8 @@ class Decoder(nn.Module):
         self.to_logit = nn.Linear(width, 1)
 
     def forward(self, x: Tensor, z: Tensor) -> Tensor:
-        """x (B, Q, 3) query points, z (B, 3, k) latent points, both relative to the code's centre -> logits (B, Q)."""
+        """x (B, Q, 3) query points, z (B, 3, k) latent points, both relative to the code's centre -> logits
+        (B, Q)."""
         lens = self.of_products(z)  # (B, 3, width)
         invariants = (z * self.partner(z)).sum(1)  # (B, k)
         h = torch.baddbmm(self.of_invariants(invariants)[:, None], x, lens)

@@ -59,7 +59,8 @@ class Embedding:
         return self.network.ambiguous
 
     def encode(self, clouds: Sequence[ArrayLike]) -> list[Code]:
-        """Codes of partial clouds, all in one forward pass (eq. 4); equivariant to rotations and translations.
+        """Codes of partial clouds, all in one forward pass (eq. 4); equivariant to rotations and
+        translations.
 
         Args:
             clouds: (n_i, 3) points, metres, any common frame; background points should have been dropped.
@@ -88,8 +89,8 @@ class Embedding:
             raise InputError("category", f"a {self.category} decoder was given the code of a {code.category}")
         return reconstruct(self.network, code, resolution_m)
 
-    def _sample(self, cloud: Array) -> np.ndarray:
-        """(n_points, 3) float32 in network units, spread evenly over the order of the cloud, then shuffled."""
+    def _sample(self, cloud: Array) -> Array:
+        """(n_points, 3) in network units, spread evenly over the order of the cloud, then shuffled."""
         n, wanted = len(cloud), self.network.config.n_points
         even = (
             np.linspace(0, n - 1, wanted).round().astype(int)
@@ -97,7 +98,7 @@ class Embedding:
             else np.resize(np.arange(n), wanted)
         )
         shuffled = np.random.default_rng(0).permutation(wanted)
-        return (cloud[even[shuffled]] / UNIT_M).astype(np.float32)
+        return cloud[even[shuffled]] / UNIT_M
 
     def _codes(self, encoding: Encoding, z: Array) -> list[Code]:
         sigmas = torch.exp(encoding.log_sigmas.clamp(-8, 3)) * self.network.sigma_scale

@@ -1,9 +1,10 @@
 """The encoder: a centred partial cloud to latent points, a shape descriptor and uncertainties.
 
-Each object keeps C_g global vector neurons G. Every block reads the points in the frame that G spans (inner products:
-invariant numbers per point), thinks about them with a residual MLP and pooled concatenation, and pools the points'
-vectors with the weights it arrived at into better G. All vector work is done once an object instead of once a point, so
-that the net is a plain MLP in speed and exactly SO(3)-equivariant all the same.
+Each object keeps C_g global vector neurons G. Every block reads the points in the frame that G spans (inner
+products: invariant numbers per point), thinks about them with a residual MLP and pooled concatenation, and
+pools the points' vectors with the weights it arrived at into better G. All vector work is done once an
+object instead of once a point, so that the net is a plain MLP in speed and exactly SO(3)-equivariant all the
+same.
 """
 
 from dataclasses import dataclass
@@ -81,7 +82,8 @@ def pool_vectors(weights: Tensor, vectors: Tensor) -> Tensor:
 
 
 class Encoder(nn.Module):
-    """f_theta of NeuSE eq. 2, exactly SO(3)-equivariant; the caller subtracts the partial centre and adds it back."""
+    """f_theta of NeuSE eq. 2, exactly SO(3)-equivariant; the caller subtracts the partial centre and adds it
+    back."""
 
     def __init__(self, config: EncoderConfig, ambiguous: bool) -> None:
         super().__init__()

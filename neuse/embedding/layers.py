@@ -1,7 +1,8 @@
 """Vector-neuron layers (Deng et al. 2021) and the plain residual block of the decoder.
 
-A vector feature has shape (..., 3, C): C channels of 3-vectors, channels last so that a linear map of the channels is
-one matrix product. Rotating the input rotates every channel, and all layers here commute with that.
+A vector feature has shape (..., 3, C): C channels of 3-vectors, channels last so that a linear map of the
+channels is one matrix product. Rotating the input rotates every channel, and all layers here commute with
+that.
 """
 
 import torch

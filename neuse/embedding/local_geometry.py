@@ -15,17 +15,20 @@ N_INVARIANTS = 1 + 6 * len(SCALES)
 def local_geometry(points: Tensor, n_anchors: int) -> tuple[Tensor, Tensor]:
     """Equivariant and invariant features of the first `n_anchors` points.
 
-    For each scale, all points weighted by a Gaussian around the anchor have a mass, a mean offset m and a covariance C
-    (normalised to unit trace: for a plane with normal n it is (I - n n^T) / 2, so that C x knows the normal).
+    For each scale, all points weighted by a Gaussian around the anchor have a mass, a mean offset m and a
+    covariance C (normalised to unit trace: for a plane with normal n it is (I - n n^T) / 2, so that C x
+    knows the normal).
 
     Args:
-        points: (B, N, 3) centred clouds in network units.
+        points: (B, N, 3) centred clouds in network units; in float64 the features, which are differences of
+        nearly
+            equal moments, turn with the cloud to seven digits, in float32 to about four.
     Returns:
         vectors (B, M, 3, N_VECTORS): x and per scale m, C x, C C x;  invariants (B, M, N_INVARIANTS).
     """
     chunks = [_chunk(part, n_anchors) for part in points.split(CHUNK)]
     vectors, invariants = zip(*chunks, strict=True)
-    return torch.cat(vectors), torch.cat(invariants)
+    return torch.cat(vectors).float(), torch.cat(invariants).float()
 
 
 def _chunk(points: Tensor, n_anchors: int) -> tuple[Tensor, Tensor]:

@@ -14,7 +14,8 @@ SOFTNESS = 0.02  # 2 mm: below this an error counts squared, above it by its len
 def frame_loss(frame: Tensor, target: Tensor) -> Tensor:
     """Distance of centre and scaled axes from the truth, (B, 3, 4) each.
 
-    A length and not a square, so that the many good views still count beside the few hidden handles. Where the handle
+    A length and not a square, so that the many good views still count beside the few hidden handles. Where
+    the handle
     cannot be known the best answer is the mean direction: E_x shrinks, and weighs less in every registration.
     """
     error = (frame - target).square().sum(1)  # (B, 4)
@@ -71,11 +72,15 @@ def rotation_vector(R: Tensor) -> Tensor:
 
 
 def sigma_loss(log_sigmas: Tensor, error: FrameError, ambiguous: bool) -> Tensor:
-    """Negative log likelihood of the (detached) errors under the predicted standard deviations."""
+    """Negative log likelihood of the (detached) errors, Student's t with 4 degrees of freedom.
+
+    Its tails leave room for the views where the frame is flipped; a normal distribution would spend itself on
+    them.
+    """
     errors = torch.cat([error.rotation, error.translation], -1).detach()  # (B, 6)
     used = [0, 1, 3, 4, 5] if ambiguous else [0, 1, 2, 3, 4, 5]
     log_sigmas = log_sigmas.clamp(-8, 3)
-    nll = log_sigmas + 0.5 * (errors * torch.exp(-log_sigmas)).square()
+    nll = log_sigmas + 2.5 * torch.log1p((errors * torch.exp(-log_sigmas)).square() / 4)
     return nll[:, used].mean()
 
 

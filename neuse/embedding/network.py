@@ -1,4 +1,5 @@
-"""Encoder and decoder of one category, and the weights file that holds them (safetensors: data only, nothing runs)."""
+"""Encoder and decoder of one category, and the weights file that holds them (safetensors: data only, nothing
+runs)."""
 
 import dataclasses
 import json
@@ -45,7 +46,8 @@ class Network(nn.Module):
         return self.encoder(*local_geometry(points, n_anchors or self.config.n_anchors))
 
     def latent(self, encoding: Encoding) -> Tensor:
-        """z_0 of the paper: (B, 3, k) landmarks c + E a_j, then the free points; relative to the partial centre."""
+        """z_0 of the paper: (B, 3, k) landmarks c + E a_j, then the free points; relative to the partial
+        centre."""
         center, axes = encoding.frame[..., :1], encoding.frame[..., 1:]
         return torch.cat([center + axes @ self.template.T, encoding.free], -1)
 

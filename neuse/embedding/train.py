@@ -2,13 +2,14 @@
 
     python -m neuse.embedding.train --category mug
 
-One long cosine over `--steps` batches. A batch is a pure function of seed and step, so a run that was stopped goes on
-from its checkpoint (`--resume`) exactly as if it had not been.
+One long cosine over `--steps` batches. A batch is a pure function of seed and step, so a run that was
+stopped goes on from its checkpoint (`--resume`) exactly as if it had not been.
 """
 
 import argparse
 import json
 import math
+import signal
 import subprocess
 import time
 from dataclasses import asdict, dataclass
@@ -179,6 +180,8 @@ def run(trainer: Trainer, checkpoint: Path, weights: Path, every: int = 500) -> 
                 trainer.history.append({"step": trainer.step, **running, **figures})
                 progress.write(json.dumps({k: round(v, 4) for k, v in trainer.history[-1].items()}))
                 trainer.save_checkpoint(checkpoint)
+    except KeyboardInterrupt:
+        progress.write(f"stopped at step {trainer.step}; go on with --resume")
     finally:
         trainer.save_checkpoint(checkpoint)
         calibrate(trainer.network, trainer.validation_set)
@@ -201,6 +204,8 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--compile", action="store_true", help="a third faster after a minute of compiling")
     arguments = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # also where a shell started this in the background
     torch.set_num_threads(arguments.threads)
     arguments.out.mkdir(parents=True, exist_ok=True)
     if arguments.compile:

@@ -32,13 +32,14 @@ def decode_all(network: Network, encoding: Encoding, batch: Batch, chunk: int = 
 
 
 def validate(network: Network, views: ViewSet, n_views: int = 1024) -> dict[str, float]:
-    """Medians of single-view errors (deg, mm), descriptor equal error rate and occupancy IoU on held-out views."""
+    """Medians of single-view errors (deg, mm), descriptor equal error rate and occupancy IoU on held-out
+    views."""
     network.eval()
     encoding, batch = encode_all(network, views, n_views)
     error = frame_error(encoding.frame, batch.target, network.ambiguous)
     angle = torch.rad2deg(error.rotation.norm(dim=-1)).numpy()
     shift_mm = error.translation.norm(dim=-1).numpy() * UNIT_M * 1e3
-    index = batch.index.numpy()
+    index = batch.view.numpy()
     seen = (views.arrays["visible"][index] > 0.6) & (views.arrays["noise_m"][index] < 0.004)
     if not network.ambiguous:
         seen &= views.arrays["handle"][index] > HANDLE_SEEN
@@ -59,7 +60,8 @@ def validate(network: Network, views: ViewSet, n_views: int = 1024) -> dict[str,
 
 
 def equal_error_rate(descriptor: np.ndarray, shape: np.ndarray) -> float:
-    """Where as many pairs of one shape are refused as pairs of different shapes are accepted; (n, k), (n,)."""
+    """Where as many pairs of one shape are refused as pairs of different shapes are accepted; (n, k),
+    (n,)."""
     similarity = descriptor @ descriptor.T
     upper = np.triu_indices(len(shape), 1)
     same = (shape[:, None] == shape[None])[upper]

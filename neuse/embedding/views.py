@@ -1,11 +1,13 @@
-"""Training data: partial views of shapes among clutter, under the sensor's and the segmenter's faults (NeuSE III-D).
+"""Training data: partial views of shapes among clutter, under the sensor's and the segmenter's faults (NeuSE
+III-D).
 
-A shard holds the views of a few shapes as plain arrays (npz without pickles), so that a run can be stopped and resumed
-and several processes can fill one folder. Shards of a split are fixed by category, split and seed alone.
+A shard holds the views of a few shapes as plain arrays (npz without pickles), so that a run can be stopped
+and resumed and several processes can fill one folder. Shards of a split are fixed by category, split and
+seed alone.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
@@ -85,7 +87,8 @@ def write_shard(
 ) -> None:
     """Views of `shapes` among `others`, and occupancy samples, as one npz.
 
-    The fields are those of `draw_view` a view, of `sample_occupancy` a shape, the view's `shape` index and `extents`.
+    The fields are those of `draw_view` a view, of `sample_occupancy` a shape, the view's `shape` index and
+    `extents`.
     """
     views: list[dict[str, np.ndarray]] = []
     for shape_index, shape in enumerate(shapes):
@@ -98,7 +101,7 @@ def write_shard(
     arrays |= {name: np.stack([sample[name] for sample in occupancy]) for name in occupancy[0]}
     arrays["extents"] = np.stack([shape.extents for shape in shapes]).astype(np.float32)
     partial = path.with_suffix(".partial.npz")
-    np.savez(partial, **arrays)
+    np.savez(partial, **arrays)  # type: ignore[arg-type]
     partial.rename(path)
 
 
@@ -110,7 +113,7 @@ def draw_layout(
     solids = [Solid(shape.mesh, T_world_object, 1)]
     reach = _reach(shape, T_world_object)
     for label in range(2, 2 + rng.integers(params.clutter[0], params.clutter[1] + 1)):
-        other = others[rng.integers(len(others))]
+        other = others[int(rng.integers(len(others)))]
         T_world_other = _rest(other, rng, anyhow=0.0)
         distance = reach + _reach(other, T_world_other) + rng.uniform(0.003, 0.08)
         angle = rng.uniform(0, 2 * np.pi)
@@ -153,9 +156,9 @@ def draw_view(layout: Layout, rng: np.random.Generator, params: ViewParams) -> d
     """One view of the principal shape; None when too little of it is seen.
 
     Returns:
-        points (MAX_POINTS, 3) int16 in steps of POINT_UNIT_M about `partial_center`, random order, repeated where fewer
-        were seen; n_points; partial_center (3,); T_camera_object (4, 4); visible share of the object's pixels;
-        handle share of the seen points; noise_m.
+        points (MAX_POINTS, 3) int16 in steps of POINT_UNIT_M about `partial_center`, random order, repeated
+        where fewer were seen; n_points; partial_center (3,); T_camera_object (4, 4); visible share of the
+        object's pixels; handle share of the seen points; noise_m.
     """
     lowest_deg = max(params.elevation_deg[0], 4.0) if layout.on_table else params.elevation_deg[0]
     elevation = np.radians(rng.triangular(lowest_deg, 20.0, params.elevation_deg[1]))
@@ -196,7 +199,8 @@ def draw_view(layout: Layout, rng: np.random.Generator, params: ViewParams) -> d
 
 
 def draw_camera(elevation: float, range_m: float, rng: np.random.Generator) -> Array:
-    """T_camera_world of a camera at this range and elevation that has the world's origin somewhere in its image."""
+    """T_camera_world of a camera at this range and elevation that has the world's origin somewhere in its
+    image."""
     azimuth, roll = rng.uniform(0, 2 * np.pi), rng.uniform(-0.3, 0.3)
     aim = Rotation.from_euler("yx", rng.uniform([-0.35, -0.25], [0.35, 0.25]))  # origin off the image centre
     look = Rotation.from_euler("ZX", [azimuth, -np.pi / 2 - elevation])  # optical z towards the origin
@@ -218,15 +222,11 @@ def _pixels(alone: RayScene, T_world_camera: Array, rays: np.ndarray) -> float:
 
 
 def _draw_faults(range_m: float, rng: np.random.Generator, params: ViewParams) -> SensorFaults:
-    """Noise constant or growing with range squared, at times smooth; a third of the views has all other faults."""
+    """Noise constant or growing with range squared, at times smooth; a third of the views has all others."""
     if params.fixed_noise_m is not None:
-        at_1m = params.fixed_noise_m / range_m**2
-        faults = (
-            {"erosion_px": 2, "dilation_px": 1, "cut_rate": 0.2, "merge_rate": 0.1}
-            if params.mask_faults
-            else {}
-        )
-        return SensorFaults(noise_m_at_1m=min(at_1m, 0.1), **faults)
+        noise = SensorFaults(noise_m_at_1m=min(params.fixed_noise_m / range_m**2, 0.1))
+        faulty = replace(noise, erosion_px=2, dilation_px=1, cut_rate=0.2, merge_rate=0.1)
+        return faulty if params.mask_faults else noise
     at_1m = rng.uniform(0, 0.0025) if rng.random() < 0.6 else rng.uniform(0, 0.0035) / range_m**2
     smooth = int(rng.choice([1, 3], p=[0.7, 0.3]))
     if rng.random() > 0.35 or not params.mask_faults:
@@ -250,8 +250,8 @@ def _draw_faults(range_m: float, rng: np.random.Generator, params: ViewParams) -
 def sample_occupancy(mesh: trimesh.Trimesh, rng: np.random.Generator, n: int = 4096) -> dict[str, np.ndarray]:
     """Query points about a shape, object frame, and whether they are inside; drawn by place, not by answer.
 
-    Half of them lie within 2 mm and a quarter within 10 mm (standard deviations) of the surface, a quarter in the
-    enlarged box. Also 2048 points of the surface.
+    Half of them lie within 2 mm and a quarter within 10 mm (standard deviations) of the surface, a quarter
+    in the enlarged box. Also 2048 points of the surface.
     """
     surface, _ = trimesh.sample.sample_surface(mesh, 3 * n // 4, seed=int(rng.integers(2**31)))
     spread = np.repeat([0.002, 0.010], [n // 2, n // 4])[:, None]
