@@ -23,12 +23,12 @@ def is_rigid(T: Array) -> bool:
     if np.shape(T) != (4, 4) or not np.isfinite(T).all():
         return False
     R = T[:3, :3]
-    return bool(np.allclose(R @ R.T, np.eye(3), atol=1e-5) and np.linalg.det(R) > 0)
+    return bool(np.abs(R @ R.T - np.eye(3)).max() < 1e-5 and np.linalg.det(R) > 0)
 
 
 def is_covariance(covariance: Array) -> bool:
     """Whether this is a finite, symmetric, positive definite (6, 6) matrix."""
     if np.shape(covariance) != (6, 6) or not np.isfinite(covariance).all():
         return False
-    symmetric = np.allclose(covariance, covariance.T, atol=1e-9 + 1e-6 * float(np.abs(covariance).max()))
-    return bool(symmetric and np.linalg.eigvalsh(covariance)[0] > 0)
+    asymmetry = np.abs(covariance - covariance.T).max()
+    return bool(asymmetry <= 1e-6 * np.abs(covariance).max() and np.linalg.eigvalsh(covariance)[0] > 0)

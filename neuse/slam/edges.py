@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuse.errors import DegenerateGeometryError
 from neuse.params import CheckedParams, param
 from neuse.records import Edge, EdgeKind
 from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.library import Track
-from neuse.slam.registration import Alignment, align_frames
+from neuse.slam.registration import Alignment, align_each
 
 
 @dataclass(frozen=True)
@@ -44,23 +43,22 @@ class EdgeBuilder:
         self, new: KeyframeRecord, records: Sequence[KeyframeRecord], tracks: dict[int, Track]
     ) -> list[Edge]:
         """Edges to the keyframes before `new` in the window."""
-        window = [
-            r for r in records[-self.params.window :] if r.keyframe_id > new.keyframe_id - self.params.window
-        ]
-        edges = (self._edge(old, new, EdgeKind.SHORT_RANGE, tracks) for old in window if old is not new)
-        return [edge for edge in edges if edge is not None]
+        window = [old for old in records[-self.params.window :] if self._in_window(old, new)]
+        return [edge for edge in self._build(window, new, EdgeKind.SHORT_RANGE, tracks) if edge is not None]
+
+    def _in_window(self, old: KeyframeRecord, new: KeyframeRecord) -> bool:
+        return new.keyframe_id - self.params.window < old.keyframe_id < new.keyframe_id
 
     def loop_closures(
         self, new: KeyframeRecord, records: Sequence[KeyframeRecord], tracks: dict[int, Track]
     ) -> list[Edge]:
         """Edges to the first keyframe of every earlier period of sight of the objects seen again."""
-        edges = []
-        for target, keys in self._targets(new, tracks):
-            edge = self._edge(records[target], new, EdgeKind.LOOP_CLOSURE, tracks)
+        targets = self._targets(new, tracks)
+        built = self._build([records[target] for target, _ in targets], new, EdgeKind.LOOP_CLOSURE, tracks)
+        for (target, keys), edge in zip(targets, built, strict=True):
             if edge is not None:
-                edges.append(edge)
                 self._closed |= {(key, tracks[key].periods[-1], target) for key in keys}
-        return edges
+        return [edge for edge in built if edge is not None]
 
     def _targets(self, new: KeyframeRecord, tracks: dict[int, Track]) -> list[tuple[int, list[int]]]:
         """(keyframe, tracks that ask for it), the most asked for first; tried anew until a period is a window old."""
@@ -75,18 +73,32 @@ class EdgeBuilder:
         ordered = sorted(count, key=lambda target: (-count[target], target))
         return [(target, asking[target]) for target in ordered[: self.params.max_closures]]
 
+    def _build(
+        self, olds: Sequence[KeyframeRecord], new: KeyframeRecord, kind: EdgeKind, tracks: dict[int, Track]
+    ) -> list[Edge | None]:
+        """For each old keyframe its edge to the new one, None where they share too little or a gate refuses."""
+        confirmed = np.array([tracks[key].confirmed for key in new.keys.tolist()], dtype=bool)
+        shared = [np.intersect1d(new.keys[confirmed], old.keys) for old in olds]
+        common = [(old, keys) for old, keys in zip(olds, shared, strict=True) if len(keys)]
+        views = [(_rows(new, keys), old.frames[_rows(old, keys)]) for old, keys in common]
+        alignments = iter(align_each(new.frames, views))
+        return [
+            self._edge(old, new, kind, keys, next(alignments), tracks) if len(keys) else None
+            for old, keys in zip(olds, shared, strict=True)
+        ]
+
     def _edge(
-        self, old: KeyframeRecord, new: KeyframeRecord, kind: EdgeKind, tracks: dict[int, Track]
+        self,
+        old: KeyframeRecord,
+        new: KeyframeRecord,
+        kind: EdgeKind,
+        keys: np.ndarray,
+        alignment: Alignment | None,
+        tracks: dict[int, Track],
     ) -> Edge | None:
-        keys, at_new, at_old = np.intersect1d(new.keys, old.keys, assume_unique=True, return_indices=True)
-        known = np.array([tracks[key].confirmed for key in keys.tolist()], dtype=bool)
-        if not known.any():
-            return None
-        alignment = self._aligned(new, at_new[known], old, at_old[known])
-        if alignment is None:
+        if alignment is None or not self._is_good(alignment):
             self.rejected += 1
             return None
-        object_ids = tuple(tracks[key].object_id for key in keys[known][alignment.inliers].tolist())
         return Edge(
             old.keyframe_id,
             new.keyframe_id,
@@ -95,22 +107,24 @@ class EdgeBuilder:
             kind,
             alignment.T_b_a,
             alignment.covariance,
-            object_ids,
+            tuple(tracks[key].object_id for key in keys[alignment.inliers].tolist()),
             alignment.residual_m,
         )
 
-    def _aligned(
-        self, new: KeyframeRecord, at_new: np.ndarray, old: KeyframeRecord, at_old: np.ndarray
-    ) -> Alignment | None:
-        """T_old_new, None unless it passes the gates."""
-        try:
-            alignment = align_frames(new.frames[at_new], old.frames[at_old])
-        except DegenerateGeometryError:
-            return None
-        good = (
+    def _is_good(self, alignment: Alignment) -> bool:
+        """Whether it passes the gates: small residual, most objects agree, and well determined.
+
+        A lone mug passes only with its handle in view, since else its rotation is not well determined.
+        """
+        return (
             alignment.residual_m <= self.params.max_residual_m
+            and 2 * alignment.n_objects > len(alignment.inliers)
             and alignment.sigma_rotation_rad <= self.params.max_sigma_rad
             and alignment.sigma_translation_m <= self.params.max_sigma_m
-            and 2 * alignment.n_objects > len(at_new)
         )
-        return alignment if good else None
+
+
+def _rows(record: KeyframeRecord, keys: np.ndarray) -> np.ndarray:
+    """Where the record has these keys."""
+    order = np.argsort(record.keys)
+    return order[np.searchsorted(record.keys, keys, sorter=order)]

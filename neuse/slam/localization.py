@@ -35,18 +35,17 @@ def localize(seen: ObjectFrames, places: Array, prior: Belief, start: Array | No
         handles in the map frame.    start: (4, 4) T_map_camera where the search starts; the prior's if None.
     """
     T_map_camera = prior.T_map_camera if start is None else start
+    off_prior = np.zeros(6) if start is None else log(inverse(prior.T_map_camera) @ start)
     trusted = 1.0 / (seen.variances + PLACE_VARIANCES)
-    J = jacobian(seen).reshape(-1, 6)
+    J = jacobian(seen.vectors).reshape(-1, 6)
     information = np.linalg.inv(prior.covariance)
     for scale in GRADUATION:
         differences = seen.vectors - to_camera(T_map_camera, places)
         square_errors = trusted * (differences**2).sum(axis=-1)
         weighted = np.repeat((trusted / (1 + square_errors / scale**2)).ravel(), 3)[:, None] * J
         H = weighted.T @ J + information
-        gradient = weighted.T @ differences.ravel() + information @ log(
-            inverse(prior.T_map_camera) @ T_map_camera
-        )
-        T_map_camera = T_map_camera @ exp(-np.linalg.solve(H, gradient))
+        step = -np.linalg.solve(H, weighted.T @ differences.ravel() + information @ off_prior)
+        T_map_camera, off_prior = T_map_camera @ exp(step), off_prior + step
     return Belief(T_map_camera, np.linalg.inv(H))
 
 

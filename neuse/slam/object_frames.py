@@ -32,11 +32,13 @@ class ObjectFrames:
     vectors: (3, n, 3) centres (metres), unit axes to the top, and unit vectors to the handle, which are orthogonal to
         the axis and arbitrary where ambiguous.
     noise: (3, n, 3, 6) square root of the covariance of `vectors`: a column for each of the object's sigmas.
+    variances: (3, n) mean variance of `vectors` along one axis: m^2, rad^2, rad^2 (infinite where ambiguous).
     sigmas: (n, 6) rotation first (rad, m), on the object's axes.    ambiguous: (n,) bool.
     """
 
     vectors: Array
     noise: Array
+    variances: Array
     sigmas: Array
     ambiguous: np.ndarray
 
@@ -47,7 +49,11 @@ class ObjectFrames:
         """The frames at `index`, an index array or a mask."""
         index = np.asarray(index, dtype=bool if np.asarray(index).dtype == bool else np.intp)
         return ObjectFrames(
-            self.vectors[:, index], self.noise[:, index], self.sigmas[index], self.ambiguous[index]
+            self.vectors[:, index],
+            self.noise[:, index],
+            self.variances[:, index],
+            self.sigmas[index],
+            self.ambiguous[index],
         )
 
     @property
@@ -59,13 +65,6 @@ class ObjectFrames:
     def axes(self) -> Array:
         """(n, 3) unit vectors to the top."""
         return self.vectors[1]
-
-    @property
-    def variances(self) -> Array:
-        """(3, n) mean variance along one axis of centres (m^2), and of axes and handles (rad^2, inf if ambiguous)."""
-        square = self.sigmas**2
-        handles = np.where(self.ambiguous, np.inf, square[:, 2])
-        return np.stack([square[:, 3:].mean(axis=1), square[:, :2].mean(axis=1), handles])
 
 
 def reduce_codes(codes: Sequence[Code], params: SigmaParams | None = None) -> ObjectFrames:
@@ -84,13 +83,12 @@ def reduce_codes(codes: Sequence[Code], params: SigmaParams | None = None) -> Ob
     floor = np.repeat([params.rotation_floor_rad, params.translation_floor_m], 3)
     predicted = np.array([code.sigmas for code in codes], dtype=np.float64).reshape(-1, 6)
     sigmas = np.hypot(params.scale * predicted, floor)
-    return ObjectFrames(vectors, _noise(vectors, sigmas), sigmas, ambiguous)
+    return _frames(vectors, sigmas, ambiguous)
 
 
 def frames_at(vectors: Array, sigmas: Array, ambiguous: np.ndarray) -> ObjectFrames:
     """Object frames at known places: vectors (3, n, 3), the same (6,) sigmas for all."""
-    sigmas = np.tile(sigmas, (vectors.shape[1], 1))
-    return ObjectFrames(vectors, _noise(vectors, sigmas), sigmas, ambiguous)
+    return _frames(vectors, np.tile(sigmas, (vectors.shape[1], 1)), ambiguous)
 
 
 def join_frames(parts: Sequence[ObjectFrames]) -> ObjectFrames:
@@ -98,6 +96,7 @@ def join_frames(parts: Sequence[ObjectFrames]) -> ObjectFrames:
     return ObjectFrames(
         np.concatenate([part.vectors for part in parts], axis=1),
         np.concatenate([part.noise for part in parts], axis=1),
+        np.concatenate([part.variances for part in parts], axis=1),
         np.concatenate([part.sigmas for part in parts]),
         np.concatenate([part.ambiguous for part in parts]),
     )
@@ -116,6 +115,13 @@ def skews(vectors: Array) -> Array:
     K[..., 0, 2] = vectors[..., 1]
     K[..., 1, 0] = vectors[..., 2]
     return K - K.swapaxes(-1, -2)
+
+
+def _frames(vectors: Array, sigmas: Array, ambiguous: np.ndarray) -> ObjectFrames:
+    square = sigmas**2
+    handles = np.where(ambiguous, np.inf, square[:, 2])
+    variances = np.stack([square[:, 3:].mean(axis=1), square[:, :2].mean(axis=1), handles])
+    return ObjectFrames(vectors, _noise(vectors, sigmas), variances, sigmas, ambiguous)
 
 
 def _check(code: Code) -> None:

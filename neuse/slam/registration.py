@@ -11,7 +11,7 @@ from neuse.geometry import Array, make_transform
 from neuse.slam.object_frames import ObjectFrames, SigmaParams, reduce_codes, skews
 
 LEVER_M = 0.05  # at which directions count as points in `residual_m`: about half an object
-GRADUATION = (64.0, 16.0, 6.0, 3.0)  # Cauchy scales in sigmas: from all alike down to the robust answer
+GRADUATION = (64.0, 8.0, 3.0)  # Cauchy scales in sigmas: from all alike down to the robust answer
 INLIER_SIGMAS = 6.0
 MAX_SIGMA_RAD = 1.0  # a rotation known no better than this is not determined
 
@@ -70,16 +70,59 @@ def align_frames(a: ObjectFrames, b: ObjectFrames) -> Alignment:
     """
     if not len(a):
         raise DegenerateGeometryError("no common object to align; give at least one")
-    trusted = 1.0 / (a.variances + b.variances)
+    alignment = align_each(a, [(np.arange(len(a)), b)])[0]
+    if alignment is None:
+        raise DegenerateGeometryError(
+            "the objects leave a rotation free (a lone bottle, or a lone mug whose handle is hidden); add one"
+        )
+    return alignment
+
+
+def align_each(a: ObjectFrames, others: Sequence[tuple[np.ndarray, ObjectFrames]]) -> list[Alignment | None]:
+    """`align` of one view with several others at once, None where a rotation stays free.
+
+    Args:
+        others: for each other view b the indices (n_b,) of its objects in a, at least one, and their frames in b.
+    """
+    if not others:
+        return []
+    b = _stack(a, others)
+    trusted = np.where(b.known[:, None], 1.0 / (a.variances + b.variances), 0.0)
     weights = trusted
     for scale in GRADUATION:
-        T_b_a = _horn(a, b, weights)
-        differences = _differences(T_b_a, a, b)
-        square_errors = trusted * (differences**2).sum(axis=-1)  # (3, n)
+        T_b_a = _horn(a.vectors, b.vectors, weights)
+        differences = _differences(T_b_a, a.vectors, b.vectors)
+        square_errors = trusted * (differences**2).sum(axis=-1)  # (B, 3, n)
         weights = trusted / (1 + square_errors / scale**2)
-    inliers = (square_errors[:2] < INLIER_SIGMAS**2).all(axis=0)
-    covariance = _covariance(T_b_a, a, b, weights)
-    return Alignment(T_b_a, covariance, _residual_m(differences, weights, inliers), inliers)
+    inliers = b.known & (square_errors[:, :2] < INLIER_SIGMAS**2).all(axis=1)
+    residuals_m = _residuals_m(differences, weights, inliers)
+    covariances = _covariances(T_b_a, a, b.noise, weights)
+    return [
+        None
+        if covariance is None
+        else Alignment(T_b_a[i], covariance, float(residuals_m[i]), inliers[i, index])
+        for i, ((index, _), covariance) in enumerate(zip(others, covariances, strict=True))
+    ]
+
+
+@dataclass(frozen=True)
+class _Views:
+    """Several views, filled up to the n objects of the first: vectors (B, 3, n, 3), known (B, n), and so on."""
+
+    vectors: Array
+    noise: Array
+    variances: Array
+    known: np.ndarray
+
+
+def _stack(a: ObjectFrames, others: Sequence[tuple[np.ndarray, ObjectFrames]]) -> _Views:
+    shape = (len(others), 3, len(a))
+    vectors, noise = np.zeros((*shape, 3)), np.zeros((*shape, 3, 6))
+    variances, known = np.ones(shape), np.zeros((len(others), len(a)), dtype=bool)
+    for i, (index, frames) in enumerate(others):
+        vectors[i, :, index], noise[i, :, index] = frames.vectors.swapaxes(0, 1), frames.noise.swapaxes(0, 1)
+        variances[i, :, index], known[i, index] = frames.variances.T, True
+    return _Views(vectors, noise, variances, known)
 
 
 def _check_pairs(codes_a: Sequence[Code], codes_b: Sequence[Code]) -> None:
@@ -93,57 +136,61 @@ def _check_pairs(codes_a: Sequence[Code], codes_b: Sequence[Code]) -> None:
             raise InputError("mixed_categories", f"pair {index} joins a {a.category} with a {b.category}")
 
 
-def _horn(a: ObjectFrames, b: ObjectFrames, weights: Array) -> Array:
-    """Closed-form minimum of the weighted squared differences (Horn 1987, by Arun's SVD)."""
-    share = weights[0] / weights[0].sum()
-    mean_a, mean_b = share @ a.centers, share @ b.centers
-    moments = (b.vectors * weights[:, :, None]).reshape(-1, 3).T @ a.vectors.reshape(-1, 3)
-    U, _, Vt = np.linalg.svd(moments - weights[0].sum() * np.outer(mean_b, mean_a))
-    if np.linalg.det(U @ Vt) < 0:
-        U[:, 2] *= -1
-    R_b_a = U @ Vt
-    return make_transform(R_b_a, mean_b - R_b_a @ mean_a)
+def _horn(vectors_a: Array, vectors_b: Array, weights: Array) -> Array:
+    """(B, 4, 4) closed-form minima of the weighted squared differences (Horn 1987, by Arun's SVD)."""
+    share = weights[:, 0] / weights[:, 0].sum(axis=1, keepdims=True)  # (B, n)
+    mean_a, mean_b = share @ vectors_a[0], (share[:, None] @ vectors_b[:, 0])[:, 0]
+    weighted_b = (vectors_b * weights[..., None]).reshape(len(weights), -1, 3)
+    moments = weighted_b.swapaxes(1, 2) @ vectors_a.reshape(-1, 3)
+    moments -= weights[:, 0].sum(axis=1)[:, None, None] * (mean_b[:, :, None] * mean_a[:, None, :])
+    U, _, Vt = np.linalg.svd(moments)
+    U[:, :, 2] *= np.where(np.linalg.det(U @ Vt) < 0, -1.0, 1.0)[:, None]
+    T_b_a = np.tile(np.eye(4), (len(weights), 1, 1))
+    T_b_a[:, :3, :3] = U @ Vt
+    T_b_a[:, :3, 3] = mean_b - (T_b_a[:, :3, :3] @ mean_a[:, :, None])[..., 0]
+    return T_b_a
 
 
-def _differences(T_b_a: Array, a: ObjectFrames, b: ObjectFrames) -> Array:
-    """(3, n, 3) differences of centres, axes and handles after alignment, in frame a."""
-    R_b_a, t_b_a = T_b_a[:3, :3], T_b_a[:3, 3]
-    differences = a.vectors - b.vectors @ R_b_a
-    differences[0] += t_b_a @ R_b_a
+def _differences(T_b_a: Array, vectors_a: Array, vectors_b: Array) -> Array:
+    """(B, 3, n, 3) differences of centres, axes and handles after alignment, in frame a."""
+    R_b_a, t_b_a = T_b_a[:, None, :3, :3], T_b_a[:, None, :3, 3]
+    differences = vectors_a - vectors_b @ R_b_a
+    differences[:, 0] += t_b_a @ R_b_a[:, 0]
     return differences
 
 
-def _residual_m(differences: Array, weights: Array, inliers: np.ndarray) -> float:
-    levers_m = np.array([[1.0], [LEVER_M], [LEVER_M]])
-    weights_m = weights / levers_m**2 * (inliers | ~inliers.any())
+def _residuals_m(differences: Array, weights: Array, inliers: np.ndarray) -> Array:
+    levers_m = np.array([1.0, LEVER_M, LEVER_M])[:, None]
+    counted = inliers | ~inliers.any(axis=1, keepdims=True)
+    weights_m = weights / levers_m**2 * counted[:, None]
     square_m = (differences**2).sum(axis=-1) * levers_m**2
-    return float(np.sqrt((weights_m * square_m).sum() / weights_m.sum()))
+    return np.sqrt((weights_m * square_m).sum(axis=(1, 2)) / weights_m.sum(axis=(1, 2)))
 
 
-def jacobian(frames: ObjectFrames) -> Array:
-    """(3, n, 3, 6) derivative of a frame's vectors by a perturbation [omega, v] of that frame."""
-    J = np.zeros((*frames.vectors.shape, 6))
-    J[..., :3] = -skews(frames.vectors)
+def jacobian(vectors: Array) -> Array:
+    """(3, n, 3, 6) derivative of centres, axes and handles by a perturbation [omega, v] of their frame."""
+    J = np.zeros((*vectors.shape, 6))
+    J[..., :3] = -skews(vectors)
     J[0, :, :, 3:] = np.eye(3)
     return J
 
 
-def _covariance(T_b_a: Array, a: ObjectFrames, b: ObjectFrames, weights: Array) -> Array:
-    """(6, 6) covariance of the weighted least-squares answer for the predicted sigmas (sandwich formula)."""
-    J = jacobian(a)
-    weighted = (weights[:, :, None, None] * J).reshape(-1, 6)
-    H = weighted.T @ J.reshape(-1, 6)
-    _check_determined(H)
-    noise = np.concatenate([a.noise, T_b_a[:3, :3].T @ b.noise], axis=-1)  # (3, n, 3, 12)
-    gains = weighted.reshape(3, len(a), 3, 6).transpose(1, 3, 0, 2).reshape(len(a), 6, 9)
-    G = gains @ noise.transpose(1, 0, 2, 3).reshape(len(a), 9, 12)  # (n, 6, 12)
-    H_inverse = np.linalg.inv(H)
-    return H_inverse @ (G @ G.swapaxes(1, 2)).sum(axis=0) @ H_inverse
+def _covariances(T_b_a: Array, a: ObjectFrames, noise_b: Array, weights: Array) -> list[Array | None]:
+    """(6, 6) covariances of weighted least squares for the predicted sigmas; None where a rotation stays free."""
+    J, B, n = jacobian(a.vectors), len(weights), len(a)
+    weighted = weights[..., None, None] * J  # (B, 3, n, 3, 6)
+    H = weighted.reshape(B, -1, 6).swapaxes(1, 2) @ J.reshape(-1, 6)
+    noise_a = np.broadcast_to(a.noise, noise_b.shape)
+    noise = np.concatenate([noise_a, T_b_a[:, None, None, :3, :3].swapaxes(-1, -2) @ noise_b], axis=-1)
+    gains = weighted.transpose(0, 2, 4, 1, 3).reshape(B, n, 6, 9)
+    G = gains @ noise.transpose(0, 2, 1, 3, 4).reshape(B, n, 9, 12)  # (B, n, 6, 12)
+    spread = (G @ G.swapaxes(-1, -2)).sum(axis=1)
+    return [_sandwich(H[i], spread[i]) for i in range(B)]
 
 
-def _check_determined(H: Array) -> None:
+def _sandwich(H: Array, spread: Array) -> Array | None:
     information = H[:3, :3] - H[:3, 3:] @ np.linalg.solve(H[3:, 3:], H[3:, :3])
     if np.linalg.eigvalsh(information)[0] < MAX_SIGMA_RAD**-2:
-        raise DegenerateGeometryError(
-            "the objects leave a rotation free (a lone bottle, or a lone mug whose handle is hidden); add one"
-        )
+        return None
+    H_inverse = np.linalg.inv(H)
+    return H_inverse @ spread @ H_inverse

@@ -60,7 +60,8 @@ class ObjectTracker:
             found = associate(view, tracks, drift, prediction, self.association)
         belief = self._localize(view, found.tracks, prediction, found.T_map_camera)
         matched = complete(view, found.tracks, tracks, belief, self.association)
-        belief = self._localize(view, matched, prediction, belief.T_map_camera)
+        if matched != found.tracks:
+            belief = self._localize(view, matched, prediction, belief.T_map_camera)
         self.belief = belief
         self._advance(belief, motion)
         return Located(belief, matched, not self._used(view, matched), found.T_map_camera is not None)
