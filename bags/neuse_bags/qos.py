@@ -28,7 +28,7 @@ def qos_to_yaml(profiles: list[QoSProfile]) -> str:
 def qos_from_rosbags(qos: Qos) -> QoSProfile:
     """A profile that a publisher can offer; what the bag leaves unknown becomes the default."""
     return QoSProfile(
-        depth=qos.depth,
+        depth=qos.depth or RELIABLE.depth,
         history=_known(HistoryPolicy, qos.history, HistoryPolicy.KEEP_LAST),
         reliability=_known(ReliabilityPolicy, qos.reliability, ReliabilityPolicy.RELIABLE),
         durability=_known(DurabilityPolicy, qos.durability, DurabilityPolicy.VOLATILE),

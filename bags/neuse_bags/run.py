@@ -1,7 +1,7 @@
 """Run the in-process pipeline over a bag: the same library calls as the nodes, without DDS, repeatable.
 
-DIR gets recording.mcap, with the topics that the nodes would publish, and all that evaluate writes. Ground truth is
-read from the same BAG, after the run; without any, the figures that need it are null.
+DIR gets recording.mcap, with the topics that the nodes would publish, and all that evaluate writes. Ground
+truth is read from the same BAG, after the run; without any, the figures that need it are null.
 """
 
 import argparse

@@ -1,0 +1,38 @@
+import pytest
+from neuse_bags.definitions import message_class, message_definition, split_type
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from neuse.errors import BagError
+
+
+@pytest.mark.parametrize("name", ["sensor_msgs/msg/CameraInfo", "visualization_msgs/msg/MarkerArray"])
+def test_definition_holds_every_type_inside_as_rosbags_knows_it(name: str) -> None:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    parsed = get_types_from_msg(message_definition(name), name)
+    assert name in parsed
+    for inner, (constants, fields) in parsed.items():
+        known_constants, known_fields = store.fielddefs[inner]
+        assert [(c[0], c[2]) for c in constants] == [(c[0], c[2]) for c in known_constants]
+        assert fields == known_fields
+
+
+def test_definition_of_our_own_messages_follows_bounded_arrays_of_other_packages() -> None:
+    headings = [
+        line for line in message_definition("neuse_msgs/msg/ObjectChange").splitlines() if "MSG:" in line
+    ]
+    assert "MSG: geometry_msgs/Pose" in headings
+    assert len(headings) == len(set(headings))
+
+
+@pytest.mark.parametrize("name", ["nobody_msgs/msg/Nothing", "sensor_msgs/msg/Nothing"])
+def test_type_that_is_not_installed_is_refused_by_name(name: str) -> None:
+    with pytest.raises(BagError, match=name):
+        message_definition(name)
+    with pytest.raises(BagError, match=name):
+        message_class(name)
+
+
+@pytest.mark.parametrize("name", ["Image", "sensor_msgs/Image", "a/srv/B", "/msg/Image"])
+def test_what_is_no_message_type_is_refused(name: str) -> None:
+    with pytest.raises(BagError, match="is no message type"):
+        split_type(name)

@@ -1,0 +1,121 @@
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from neuse_bags.folder import open_folder, read_tum
+
+from neuse.errors import InputError
+
+Folder = Callable[..., Path]
+
+
+def test_pictures_become_frames(picture_folder: Folder) -> None:
+    path = picture_folder()
+    first, second = open_folder(path).frames()
+    assert second.stamp_ns - first.stamp_ns == 1_200_000_000
+    assert [(i.label, i.category, i.score) for i in first.instances] == [(7, "mug", 1.0), (9, "bottle", 0.5)]
+    depth_mm = cv2.imread(str(path / "12_depth.png"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_allclose(second.depth_m, depth_mm / 1e3, atol=1e-6)
+    assert second.color is not None
+    np.testing.assert_array_equal(second.color[..., ::-1], cv2.imread(str(path / "12_color.png")))
+
+
+def test_rate_stamps_and_depth_scale_are_taken_from_frames_json(picture_folder: Folder) -> None:
+    frames = [{"frame": 12, "instances": []}, {"frame": 0, "stamp_s": 0.25, "instances": []}]
+    first, second = open_folder(picture_folder(frames=frames, rate_hz=4, depth_scale_m=1e-4)).frames()
+    assert second.stamp_ns - first.stamp_ns == 2_750_000_000
+    assert 0 < first.depth_m.max() <= 0.4
+
+
+def test_color_pictures_may_be_missing(picture_folder: Folder) -> None:
+    path = picture_folder()
+    (path / "00_color.png").unlink()
+    first, second = open_folder(path).frames()
+    assert first.color is None
+    assert second.color is not None
+
+
+@pytest.mark.parametrize("name", ["00_depth.png", "00_mask.png"])
+def test_missing_picture_is_refused_by_name(picture_folder: Folder, name: str) -> None:
+    path = picture_folder()
+    (path / name).unlink()
+    with pytest.raises(InputError, match=f"{name} does not exist"):
+        list(open_folder(path).frames())
+
+
+@pytest.mark.parametrize(
+    ("name", "pixels", "found"),
+    [
+        ("00_depth.png", np.zeros((24, 31), np.uint16), "31 x 24 pixels"),
+        ("00_depth.png", np.zeros((24, 32), np.uint8), "8 bit"),
+        ("00_mask.png", np.zeros((24, 32, 3), np.uint8), r"3 channel\(s\)"),
+        ("00_color.png", np.zeros((48, 64, 3), np.uint8), "64 x 48 pixels"),
+    ],
+)
+def test_picture_of_another_size_or_kind_is_refused(
+    picture_folder: Folder, name: str, pixels: np.ndarray, found: str
+) -> None:
+    path = picture_folder()
+    cv2.imwrite(str(path / name), pixels)
+    with pytest.raises(InputError, match=f"{name} is .*{found}.* frames.json wants 32 x 24"):
+        list(open_folder(path).frames())
+
+
+def test_picture_that_is_none_is_refused(picture_folder: Folder) -> None:
+    path = picture_folder()
+    (path / "00_depth.png").write_bytes(b"no picture")
+    with pytest.raises(InputError, match="not a readable picture"):
+        list(open_folder(path).frames())
+
+
+def test_folder_without_frames_json_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"frames\.json cannot be read"):
+        open_folder(tmp_path)
+
+
+def test_frames_json_that_is_no_json_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "frames.json").write_text("{")
+    with pytest.raises(InputError, match="is no JSON"):
+        open_folder(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "found"),
+    [
+        ({"intrinsics": {"width": 32}}, "lacks 'height'"),
+        ({"frames": [{"instances": []}]}, "lacks 'frame'"),
+        ({"frames": [{"frame": 0}]}, "lacks 'instances'"),
+        ({"frames": []}, "has 0 frames"),
+        ({"intrinsics": {"width": 32, "height": 24, "fx": 0, "fy": 1, "cx": 1, "cy": 1}}, "focal length 0"),
+    ],
+)
+def test_frames_json_that_lacks_something_is_refused(
+    picture_folder: Folder, changes: dict, found: str
+) -> None:
+    with pytest.raises(InputError, match=found):
+        open_folder(picture_folder(**changes))
+
+
+def test_instance_without_category_is_refused(picture_folder: Folder) -> None:
+    folder = open_folder(picture_folder(frames=[{"frame": 0, "instances": [{"id": 1}]}]))
+    with pytest.raises(InputError, match="frame 00 lacks 'category'"):
+        list(folder.frames())
+
+
+def test_trajectory_file_is_read_with_the_stamps_of_the_pictures(picture_folder: Folder) -> None:
+    path = picture_folder()
+    (path / "odometry.tum").write_text("# stamp x y z qx qy qz qw\n0.0 1 2 3 0 0 0 1\n1.2 1 2 4 0 0 1 0\n")
+    (first_ns, T_first), (second_ns, T_second) = read_tum(path / "odometry.tum")
+    assert [first_ns, second_ns] == [frame.stamp_ns for frame in open_folder(path).frames()]
+    np.testing.assert_array_equal(T_first[:3, 3], [1, 2, 3])
+    np.testing.assert_allclose(T_second[:3, :3], np.diag([-1, -1, 1]), atol=1e-12)
+    assert read_tum(path / "ground_truth.tum") == []
+
+
+@pytest.mark.parametrize("text", ["0.0 1 2 3\n", "a b c d e f g h\n"])
+def test_trajectory_file_of_another_format_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "odometry.tum").write_text(text)
+    with pytest.raises(InputError, match="stamp_s x y z"):
+        read_tum(tmp_path / "odometry.tum")
