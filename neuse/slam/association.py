@@ -1,10 +1,11 @@
 """Data association: which known object is each observation (NeuSE IV-B, by consistency of the whole frame).
 
-The paper matches one object at a time, and for a lone mug its test is nearly vacuous: the transform that is tested
-comes from the very pair (see nearest.py). Here all objects of a frame vote together: pairs of observation and track
-that agree in shape and lie within the place gate are vertices of a graph, edges join pairs with equal mutual distance
-and direction, and the heaviest clique is the answer. The gate opens with the drift since an object was seen; the wider
-it is, the more objects must agree. Without any prior pose, three must.
+The paper matches one object at a time, and for a lone mug its test is nearly vacuous: the transform that is
+tested comes from the very pair (see nearest.py). Here all objects of a frame vote together: pairs of
+observation and track that agree in shape and lie within the place gate are vertices of a graph, edges join
+pairs with equal mutual distance and direction, and the heaviest clique is the answer. The gate opens with the
+drift since an object was seen; the wider it is, the more objects must agree. Without any prior pose, three
+must.
 """
 
 from collections.abc import Sequence
@@ -74,7 +75,7 @@ class View:
 
 @dataclass(frozen=True)
 class Association:
-    """tracks: the match of every observation, or None.    T_map_camera: set where the frame was relocalised."""
+    """tracks: the match of every observation, or None.    T_map_camera: set where it was found anew."""
 
     tracks: tuple[Track | None, ...]
     T_map_camera: Array | None = None
@@ -118,7 +119,7 @@ def complete(
     belief: Belief,
     params: AssociationParams,
 ) -> tuple[Track | None, ...]:
-    """Matches once the pose is known: contradicting ones go, free observations take what stands in their place.
+    """Matches once the pose is known: contradicting ones go, free observations take what stands there.
 
     Unambiguous objects choose first, then the nearest (NeuSE IV-B).
     """
@@ -225,7 +226,7 @@ def _same_directions(
     turn_sigmas: Array,
     params: AssociationParams,
 ) -> np.ndarray:
-    """(p, p) whether two pairs lie in equal directions from each other, as far as the camera's attitude is known."""
+    """(p, p) whether two pairs lie in equal directions from each other, as far as the attitude is known."""
     here = view.frames.centers[pairs.rows] @ T_map_camera[:3, :3].T
     there = places[0][pairs.columns]
     between_here, between_there = here[:, None] - here[None], there[:, None] - there[None]
@@ -247,7 +248,7 @@ def _relocalize(
     matches: dict[int, int],
     params: AssociationParams,
 ) -> tuple[dict[int, int], Array | None]:
-    """Match the observations that no expected place explains by their layout alone; at least three must agree."""
+    """Match observations that no expected place explains by their layout alone; three must agree."""
     if len(free) < 3:
         return {}, None
     pairs = _shape_pairs(tracks, shapes, free, set(matches.values()), params)

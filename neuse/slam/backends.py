@@ -1,4 +1,4 @@
-"""What is put into the graph: objects as landmarks, or the paper's edges between camera poses (NeuSE IV-C)."""
+"""What is put into the graph: objects as landmarks, or the paper's edges between cameras (NeuSE IV-C)."""
 
 from collections.abc import Iterable, Sequence
 from typing import Protocol
@@ -63,10 +63,10 @@ class _Base:
 
 
 class LandmarkBackend(_Base):
-    """Objects are points of the graph: centre, a point on the axis, and for unambiguous ones a point at the handle.
+    """Objects are points of the graph: the centre, a point on the axis, and one at the handle if it has one.
 
-    Edges of odometry tie the keyframes; edges from codes are not used, since sightings say the same without the
-    errors that all edges of one frame share.
+    Edges of odometry tie the keyframes; edges from codes are not used, since sightings say the same without
+    the errors that all edges of one frame share.
     """
 
     def add_keyframe(
@@ -104,7 +104,7 @@ class LandmarkBackend(_Base):
 
 
 class EdgeBackend(_Base):
-    """The paper's way: only camera poses. A fixed-lag smoother gives new keyframes their start, iSAM2 has all edges.
+    """The paper's way: camera poses only. A fixed-lag smoother gives keyframes a start, iSAM2 has all edges.
 
     Places of objects are averages of what the keyframes saw, through their latest poses (NeuSE IV-A).
     """
@@ -156,8 +156,8 @@ class EdgeBackend(_Base):
 def lever_points(frames: ObjectFrames, i: int) -> tuple[Array, Array]:
     """(3, 3) centre, axis point and handle point of object i, metres, with covariances (3, 3, 3).
 
-    The axis point tells the tilt, the handle point the turn about the axis; each is loose in the directions that
-    another point tells, so that nothing counts twice.
+    The axis point tells the tilt, the handle point the turn about the axis; each is loose in the directions
+    that another point tells, so that nothing counts twice.
     """
     center, axis, handle = frames.vectors[:, i]
     R = np.stack([handle, np.cross(axis, handle), axis], axis=1)

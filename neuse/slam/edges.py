@@ -1,4 +1,4 @@
-"""Relative poses between keyframes from the objects that both see: short range and loop closure (NeuSE IV-C)."""
+"""Relative poses between keyframes from objects that both see: short range and loop closure (NeuSE IV-C)."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -61,7 +61,7 @@ class EdgeBuilder:
         return [edge for edge in built if edge is not None]
 
     def _targets(self, new: KeyframeRecord, tracks: dict[int, Track]) -> list[tuple[int, list[int]]]:
-        """(keyframe, tracks that ask for it), the most asked for first; tried anew until a period is a window old."""
+        """(keyframe, tracks that ask for it), the most asked for first; tried while a period is young."""
         asking: dict[int, list[int]] = {}
         for key in new.keys.tolist():
             *earlier, current = tracks[key].periods
@@ -76,7 +76,7 @@ class EdgeBuilder:
     def _build(
         self, olds: Sequence[KeyframeRecord], new: KeyframeRecord, kind: EdgeKind, tracks: dict[int, Track]
     ) -> list[Edge | None]:
-        """For each old keyframe its edge to the new one, None where they share too little or a gate refuses."""
+        """For each old keyframe its edge to the new one, None if they share too little or a gate refuses."""
         confirmed = np.array([tracks[key].confirmed for key in new.keys.tolist()], dtype=bool)
         shared = [np.intersect1d(new.keys[confirmed], old.keys) for old in olds]
         common = [(old, keys) for old, keys in zip(olds, shared, strict=True) if len(keys)]

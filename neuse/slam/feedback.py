@@ -1,4 +1,4 @@
-"""The way of changes from mapper to SLAM, with a fixed delay, so that results do not depend on how fast anyone is."""
+"""The way of changes from mapper to SLAM, with a fixed delay: results do not depend on how fast anyone is."""
 
 from neuse.records import ObjectChange
 
@@ -20,7 +20,7 @@ class ChangeFeedback:
         self._waiting.append(change)
 
     def due(self, stamp_ns: int) -> list[ObjectChange]:
-        """Changes that SLAM must apply before it works on the frame of this stamp, in the order of their stamps."""
+        """Changes that SLAM must apply before it works on this frame, in the order of their stamps."""
         due = [change for change in self._waiting if change.stamp_ns + self._delay_ns <= stamp_ns]
         self._waiting = [change for change in self._waiting if change.stamp_ns + self._delay_ns > stamp_ns]
         return sorted(due, key=lambda change: (change.stamp_ns, change.object_id))

@@ -1,4 +1,4 @@
-"""Keyframes: when a frame becomes one, what is kept of it, and every frame's pose through its keyframe (NeuSE IV-C)."""
+"""Keyframes: when a frame becomes one, what is kept of it, and all frames through them (NeuSE IV-C)."""
 
 from dataclasses import dataclass
 

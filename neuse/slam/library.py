@@ -141,9 +141,9 @@ def places_of(tracks: Sequence[Track]) -> Array:
 def drift_between(tracks: Sequence[Track], now: Array) -> Array:
     """(m, 2) variances (rad^2, m^2) of the camera relative to each track's place.
 
-    The drift clock reads how uncertain dead reckoning has become since the start. An object that was mapped at one
-    reading is known relative to another mapped at nearly the same; so the way to an object leads over whichever
-    object was seen recently and mapped at about the same time.
+    The drift clock reads how uncertain dead reckoning has become since the start. An object that was mapped
+    at one reading is known relative to another mapped at nearly the same; so the way to an object leads over
+    whichever object was seen recently and mapped at about the same time.
     """
     if not tracks:
         return np.zeros((0, 2))

@@ -1,4 +1,4 @@
-"""Pose of one camera frame against objects whose places are known (NeuSE IV-A, current frame against the library)."""
+"""Pose of one camera frame against objects whose places are known (NeuSE IV-A)."""
 
 from dataclasses import dataclass
 
@@ -31,8 +31,9 @@ def localize(seen: ObjectFrames, places: Array, prior: Belief, start: Array | No
     """Most probable camera pose given a prior and objects seen at known places, robust to flipped handles.
 
     Args:
-        seen: n object frames in the camera frame.    places: (3, n, 3) their centres (metres), unit axes and unit
-        handles in the map frame.    start: (4, 4) T_map_camera where the search starts; the prior's if None.
+        seen: n object frames in the camera frame.    places: (3, n, 3) their centres (metres), unit axes and
+        unit handles in the map frame.    start: (4, 4) T_map_camera where the search starts; the prior's if
+        None.
     """
     T_map_camera = prior.T_map_camera if start is None else start
     off_prior = np.zeros(6) if start is None else log(inverse(prior.T_map_camera) @ start)

@@ -1,8 +1,8 @@
 """The paper's data association, one object at a time (NeuSE IV-B). Kept for comparison; see association.py.
 
-A candidate must be alike in shape; the transform to the frame that saw it last maps the observation's partial centre
-there, and the nearest candidate within delta_prox is the match. Unambiguous objects bring their own transform,
-ambiguous ones use that of the matched unambiguous ones, or are tried in pairs.
+A candidate must be alike in shape; the transform to the frame that saw it last maps the observation's partial
+centre there, and the nearest candidate within delta_prox is the match. Unambiguous objects bring their own
+transform, ambiguous ones use that of the matched unambiguous ones, or are tried in pairs.
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,8 +1,8 @@
 """Codes reduced to what registration needs: the pose of each object's frame and how well it is known.
 
-The landmark channels are z_j = c + E a_j with an orthonormal template, so a least-squares alignment of all channels
-(NeuSE eq. 5) sees them only through the centre c and the axes E; the rest of z is noise. Of E the directions are kept:
-the lengths shrink when the encoder is unsure, which the predicted sigmas say better.
+The landmark channels are z_j = c + E a_j with an orthonormal template, so a least-squares alignment of all
+channels (NeuSE eq. 5) sees them only through the centre c and the axes E; the rest of z is noise. Of E the
+directions are kept: the lengths shrink when the encoder is unsure, which the predicted sigmas say better.
 """
 
 from collections.abc import Sequence
@@ -29,8 +29,8 @@ class SigmaParams(CheckedParams):
 class ObjectFrames:
     """Poses of n object frames seen from one frame.
 
-    vectors: (3, n, 3) centres (metres), unit axes to the top, and unit vectors to the handle, which are orthogonal to
-        the axis and arbitrary where ambiguous.
+    vectors: (3, n, 3) centres (metres), unit axes to the top, and unit vectors to the handle, which are
+        orthogonal to the axis and arbitrary where ambiguous.
     noise: (3, n, 3, 6) square root of the covariance of `vectors`: a column for each of the object's sigmas.
     variances: (3, n) mean variance of `vectors` along one axis: m^2, rad^2, rad^2 (infinite where ambiguous).
     sigmas: (n, 6) rotation first (rad, m), on the object's axes.    ambiguous: (n,) bool.

@@ -1,4 +1,4 @@
-"""Odometry as a source of increments, with its faults: missing, late, repeated, jumping, running backwards."""
+"""Odometry as a source of increments, with its faults: missing, late, repeated, jumping, backwards."""
 
 from collections import Counter
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """The optimisers: a fixed-lag smoother for the window and iSAM2 for everything (NeuSE IV-C).
 
-The only module that knows gtsam. Vertices are keyframe poses T_map_camera and, where objects are landmarks, points on
-the objects. Covariances are rotation first in the body frame, as everywhere in the library.
+The only module that knows gtsam. Vertices are keyframe poses T_map_camera and, where objects are landmarks,
+points on the objects. Covariances are rotation first in the body frame, as everywhere in the library.
 """
 
 from collections.abc import Sequence
@@ -59,7 +59,7 @@ class PoseGraph:
     def add_sighting(
         self, keyframe_id: int, point_id: int, p_camera: Array, covariance: Array, p_map: Array
     ) -> None:
-        """A landmark point seen at p_camera (metres) with covariance (3, 3); p_map starts a point not met before."""
+        """A landmark point seen at p_camera (metres), covariance (3, 3); p_map starts a new point."""
         if point_id not in self._points:
             self._points.add(point_id)
             self._new_values.insert(_point_key(point_id), np.asarray(p_map, dtype=np.float64))
@@ -96,8 +96,8 @@ class PoseGraph:
 class SlidingWindow:
     """The last K keyframes under their mutual edges: Levenberg-Marquardt with marginalisation (NeuSE IV-C).
 
-    It lives in its own frame, `window`, that starts as the map and is never corrected by loop closures; only relative
-    poses of keyframes inside the window mean anything.
+    It lives in its own frame, `window`, that starts as the map and is never corrected by loop closures; only
+    relative poses of keyframes inside the window mean anything.
     """
 
     def __init__(self, size: int, params: SolverParams | None = None) -> None:
@@ -108,7 +108,7 @@ class SlidingWindow:
         self._poses: dict[int, Array] = {}
 
     def add(self, keyframe_id: int, T_window_camera: Array, edges: Sequence[Edge]) -> None:
-        """A new keyframe with its start value and its edges to keyframes of the window; ids count up by one."""
+        """A new keyframe with its start value and its edges into the window; ids count up by one."""
         factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         key = _pose_key(keyframe_id)
         values.insert(key, gtsam.Pose3(T_window_camera))
@@ -127,7 +127,8 @@ class SlidingWindow:
     def _read(self) -> None:
         estimate = self._smoother.calculateEstimate()
         self._poses = {
-            int(gtsam.Symbol(key).index()): estimate.atPose3(key).matrix() for key in estimate.keys()
+            int(gtsam.Symbol(key).index()): estimate.atPose3(key).matrix()
+            for key in estimate.keys()  # noqa: SIM118
         }
 
 
@@ -144,7 +145,7 @@ def edge_factor(edge: Edge, huber_sigmas: float | None) -> gtsam.BetweenFactorPo
 def sighting_factor(
     pose_key: int, point_key: int, p_camera: Array, covariance: Array, cauchy_sigmas: float
 ) -> gtsam.BearingRangeFactor3D:
-    """A point seen at p_camera, as bearing and range with the covariance (3, 3) carried over to first order."""
+    """A point seen at p_camera, as bearing and range with the covariance (3, 3) to first order."""
     bearing, range_m = gtsam.Unit3(p_camera), float(np.linalg.norm(p_camera))
     J = np.vstack([bearing.basis().T / range_m, bearing.point3()])  # d (bearing, range) / d p_camera
     noise = gtsam.noiseModel.Gaussian.Covariance(J @ covariance @ J.T)

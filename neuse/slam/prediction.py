@@ -21,7 +21,7 @@ class Predictor:
     def predict(
         self, last: Belief, sample: OdometrySample | None, stamp_ns: int
     ) -> tuple[OdometryFix | None, Motion, Belief]:
-        """The frame's odometry fix, its motion since the last frame, and the belief that follows from both."""
+        """The frame's odometry fix, its motion since the last frame, and the belief that follows."""
         fix = self._odometry.accept(sample, stamp_ns)
         elapsed_ns = 0 if self._last_stamp_ns is None else stamp_ns - self._last_stamp_ns
         self._last_stamp_ns = stamp_ns
@@ -39,7 +39,7 @@ class Predictor:
     def edge(
         self, last: KeyframeRecord | None, new: KeyframeRecord, ties: Sequence[Edge]
     ) -> tuple[list[Edge], list[Edge]]:
-        """Odometry edges between two keyframes, and the weak guess that ties them where there is nothing else."""
+        """Odometry edges between two keyframes, and the weak guess where nothing else ties them."""
         if last is None or (ties and self.params.use == "blind"):
             return [], []
         motion = self._odometry.motion(last.fix, new.fix)

@@ -7,7 +7,7 @@ import numpy as np
 
 from neuse.embedding.code import Code
 from neuse.errors import DegenerateGeometryError, InputError
-from neuse.geometry import Array, make_transform
+from neuse.geometry import Array
 from neuse.slam.object_frames import ObjectFrames, SigmaParams, reduce_codes, skews
 
 LEVER_M = 0.05  # at which directions count as points in `residual_m`: about half an object
@@ -20,8 +20,9 @@ MAX_SIGMA_RAD = 1.0  # a rotation known no better than this is not determined
 class Alignment:
     """Relative pose of two views: p_b = T_b_a @ p_a.
 
-    covariance: (6, 6) as in neuse.geometry, of a perturbation in frame a.    residual_m: weighted rms distance of the
-    aligned centres and of the points 5 cm along axes and handles.    inliers: (n,) bool, the objects that agree.
+    covariance: (6, 6) as in neuse.geometry, of a perturbation in frame a.    residual_m: weighted rms
+    distance of the aligned centres and of the points 5 cm along axes and handles.    inliers: (n,) bool, the
+    objects that agree.
     """
 
     T_b_a: Array
@@ -55,8 +56,8 @@ def align(codes_a: Sequence[Code], codes_b: Sequence[Code], params: SigmaParams 
         Alignment with p_b = T_b_a @ p_a. Objects that contradict the others have lost their weight.
     Raises:
         InputError: unequal lengths, pairs of unlike category, or codes that are not finite.
-        DegenerateGeometryError: no object, or all together leave a rotation free (a lone bottle; a lone mug with
-            its handle hidden).
+        DegenerateGeometryError: no object, or all together leave a rotation free (a lone bottle; a lone mug
+            with its handle hidden).
     """
     _check_pairs(codes_a, codes_b)
     return align_frames(reduce_codes(codes_a, params), reduce_codes(codes_b, params))
@@ -82,7 +83,8 @@ def align_each(a: ObjectFrames, others: Sequence[tuple[np.ndarray, ObjectFrames]
     """`align` of one view with several others at once, None where a rotation stays free.
 
     Args:
-        others: for each other view b the indices (n_b,) of its objects in a, at least one, and their frames in b.
+        others: for each other view b the indices (n_b,) of its objects in a, at least one, and their frames
+            in b.
     """
     if not others:
         return []
@@ -107,7 +109,7 @@ def align_each(a: ObjectFrames, others: Sequence[tuple[np.ndarray, ObjectFrames]
 
 @dataclass(frozen=True)
 class _Views:
-    """Several views, filled up to the n objects of the first: vectors (B, 3, n, 3), known (B, n), and so on."""
+    """Several views, filled up to the n objects of the first: vectors (B, 3, n, 3), known (B, n) ..."""
 
     vectors: Array
     noise: Array
@@ -176,7 +178,7 @@ def jacobian(vectors: Array) -> Array:
 
 
 def _covariances(T_b_a: Array, a: ObjectFrames, noise_b: Array, weights: Array) -> list[Array | None]:
-    """(6, 6) covariances of weighted least squares for the predicted sigmas; None where a rotation stays free."""
+    """(6, 6) covariances of weighted least squares for predicted sigmas; None where a rotation is free."""
     J, B, n = jacobian(a.vectors), len(weights), len(a)
     weighted = weights[..., None, None] * J  # (B, 3, n, 3, 6)
     H = weighted.reshape(B, -1, 6).swapaxes(1, 2) @ J.reshape(-1, 6)

@@ -1,4 +1,4 @@
-"""Object SLAM: codes and odometry in; camera poses, matched objects and pose-graph edges out (NeuSE IV-A to C)."""
+"""Object SLAM: codes and odometry in; camera poses, matched objects and graph edges out (NeuSE IV-A to C)."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -17,6 +17,7 @@ from neuse.records import (
     Keyframe,
     MatchStatus,
     ObjectChange,
+    Observation,
     ObservedFrame,
     OdometrySample,
     TrackedFrame,
@@ -35,6 +36,8 @@ from neuse.slam.odometry import OdometryFix, OdometryParams
 from neuse.slam.pose_graph import SolverParams
 from neuse.slam.prediction import Predictor
 from neuse.slam.tracker import Located, ObjectTracker
+
+Tracks = Sequence[Track | None]  # of each observation of a frame
 
 
 @dataclass(frozen=True)
@@ -110,7 +113,7 @@ class ObjectSlam:
             stamp_ns=frame.stamp_ns,
             T_map_camera=self._tracker.belief.T_map_camera,
             covariance=self._covariance(),
-            observations=self._tracked(frame, usable, tracks, fresh),
+            observations=self._tracked(frame, usable, view, tracks, fresh),
             intrinsics=frame.intrinsics,
             coarse_depth_m=frame.coarse_depth_m,
             keyframe_id=len(self._keyframes.records) - 1 if keyframe else NO_ID,
@@ -140,7 +143,8 @@ class ObjectSlam:
         """Add edges of an external SLAM, whose ends are named by their stamps.
 
         Returns:
-            How many were accepted. Edges with unknown stamps, or whose pose or covariance is none, are counted.
+            How many were accepted. Edges with unknown stamps, or whose pose or covariance is none, are
+            counted.
         """
         attached = attach(edges, self._keyframes, self.params.stamp_tolerance_s, self.counters)
         if attached:
@@ -162,7 +166,7 @@ class ObjectSlam:
         if self._last_stamp_ns is not None and stamp_ns <= self._last_stamp_ns:
             raise InputError(
                 "stamp_backwards",
-                f"frame {stamp_ns} ns is not later than {self._last_stamp_ns} ns; drop it, or reset after a restart",
+                f"frame {stamp_ns} ns is not later than {self._last_stamp_ns} ns; drop it, or reset",
             )
         self._last_stamp_ns = stamp_ns
 
@@ -179,9 +183,16 @@ class ObjectSlam:
         )
         return View(codes, reduce_codes(codes, self.params.sigmas), partial_centers)
 
-    def _record(
-        self, stamp_ns: int, view: View, tracks: Sequence[Track | None], fix: OdometryFix | None
-    ) -> KeyframeRecord:
+    def _tracked(
+        self, frame: ObservedFrame, usable: Sequence[int], view: View, tracks: Tracks, fresh: Sequence[Track]
+    ) -> tuple[TrackedObservation, ...]:
+        similar = self._tracker.similar_ids(view.codes)
+        tracked = [TrackedObservation(unusable, MatchStatus.TENTATIVE) for unusable in frame.observations]
+        for i, track, similar_ids in zip(usable, tracks, similar, strict=True):
+            tracked[i] = _tracked_observation(frame.observations[i], track, similar_ids, fresh)
+        return tuple(tracked)
+
+    def _record(self, stamp_ns: int, view: View, tracks: Tracks, fix: OdometryFix | None) -> KeyframeRecord:
         """What the new keyframe sees of objects that may constrain poses."""
         allowed = view.frames.ambiguous <= self.params.use_ambiguous
         rows = [i for i, track in enumerate(tracks) if track is not None and allowed[i]]
@@ -219,7 +230,7 @@ class ObjectSlam:
         self._tracker.correct(self._keyframes.T_map_camera[-1] @ T_last_camera)
 
     def _relative_to_last_keyframe(self) -> Array:
-        """T_keyframe_camera of the current frame; identity where the current frame is a new keyframe itself."""
+        """T_keyframe_camera of the current frame; identity where it is a new keyframe itself."""
         if len(self._keyframes.records) > len(self._keyframes.T_map_camera):
             return np.eye(4)
         return inverse(self._keyframes.T_map_camera[-1]) @ self._tracker.belief.T_map_camera
@@ -230,23 +241,10 @@ class ObjectSlam:
         A = adjoint(inverse(self._relative_to_last_keyframe()))
         return A @ self._backend.covariance(last) @ A.T + self._tracker.belief.covariance
 
-    def _tracked(
-        self,
-        frame: ObservedFrame,
-        usable: Sequence[int],
-        tracks: Sequence[Track | None],
-        fresh: Sequence[Track],
-    ) -> tuple[TrackedObservation, ...]:
-        found = dict(zip(usable, tracks, strict=True))
-        codes = [frame.observations[i].code for i in usable]
-        similar = dict(zip(usable, self._tracker.similar_ids(codes), strict=True))
-        return tuple(
-            _tracked_observation(observation, found.get(i), similar.get(i, ()), fresh)
-            for i, observation in enumerate(frame.observations)
-        )
 
-
-def _tracked_observation(observation, track, similar_ids, fresh) -> TrackedObservation:
+def _tracked_observation(
+    observation: Observation, track: Track | None, similar_ids: tuple[int, ...], fresh: Sequence[Track]
+) -> TrackedObservation:
     if track is not None and track.confirmed:
         status = MatchStatus.NEW if track in fresh else MatchStatus.MATCHED
         others = tuple(i for i in similar_ids if i != track.object_id)

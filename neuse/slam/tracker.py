@@ -34,8 +34,8 @@ class Located:
 class ObjectTracker:
     """Tracks the camera against the object library and keeps that library.
 
-    The drift clock (rad^2, m^2) runs by the uncertainty of each frame's motion: fast when blind, slow when objects
-    are in view; see `library.drift_between`.
+    The drift clock (rad^2, m^2) runs by the uncertainty of each frame's motion: fast when blind, slow when
+    objects are in view; see `library.drift_between`.
     """
 
     def __init__(
@@ -76,7 +76,8 @@ class ObjectTracker:
         """Take the frame's observations into the library.
 
         Returns:
-            The track of each observation, tentative ones included, and the tracks that became objects just now.
+            The track of each observation, tentative ones included, and the tracks that became objects just
+            now.
         """
         placed = to_map(self.belief.T_map_camera, view.frames.vectors)
         tracks: list[Track | None] = []
@@ -88,7 +89,7 @@ class ObjectTracker:
         return tuple(tracks), self._confirm([track for track in tracks if track is not None])
 
     def similar_ids(self, codes: Sequence[Code]) -> list[tuple[int, ...]]:
-        """For each code the objects of like shape, most similar first; those that left their place included."""
+        """For each code the objects of like shape, most similar first; also those that left their place."""
         known = [track for track in self.library.tracks.values() if track.confirmed]
         S = similarity(codes, known)
         order = np.argsort(-S, axis=1, kind="stable")

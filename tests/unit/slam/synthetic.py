@@ -1,12 +1,14 @@
 """A seeded table world without pictures: true objects, a trajectory, and codes with study-like errors.
 
-Errors of a code are a bias that depends on the view and changes over half a metre to a metre of travel, not white
+Errors of a code are a bias that depends on the view and changes over half a metre to a metre of travel, not
+white
 noise: an AR(1) process over distance. A handle that points away is hidden: its direction is poor, its length
 shrinks, its sigma says so. One handle in a hundred is flipped without warning.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -104,7 +106,12 @@ class World:
         return bool(20 < u < INTRINSICS.width - 20 and 20 < v < INTRINSICS.height - 20)
 
     def _observe(
-        self, rng: np.random.Generator, errors: dict[int, Array], memory: float, T_world_camera: Array, thing: Thing
+        self,
+        rng: np.random.Generator,
+        errors: dict[int, Array],
+        memory: float,
+        T_world_camera: Array,
+        thing: Thing,
     ) -> Observation:
         T_camera_object = inverse(T_world_camera) @ thing.T_world_object
         fresh = rng.normal(size=6)
@@ -118,7 +125,8 @@ class World:
             xi[2] = 0.0
         elif rng.random() < self.noise.flips:
             xi = np.array([0.0, 0.0, np.pi, *xi[3:]])
-        code = make_code(thing, T_camera_object @ exp(xi), sigmas, 0.3 if hidden else 1.0, rng, self.noise.descriptor)
+        share = 0.3 if hidden else 1.0
+        code = make_code(thing, T_camera_object @ exp(xi), sigmas, share, rng, self.noise.descriptor)
         center = T_camera_object[:3, 3]
         partial_center = center * (1 - 0.03 / np.linalg.norm(center)) + 0.003 * rng.normal(size=3)
         mask_px = int(0.008 * (INTRINSICS.fx / center[2]) ** 2)
@@ -155,7 +163,12 @@ def make_code(
 
 
 def make_thing(
-    name: int, ambiguous: bool, position: Array, rng: np.random.Generator, upright: bool = True, alike: float = 0.0
+    name: int,
+    ambiguous: bool,
+    position: Array,
+    rng: np.random.Generator,
+    upright: bool = True,
+    alike: float = 0.0,
 ) -> Thing:
     """A random mug or bottle; `alike` in [0, 1] mixes its descriptor with one that all share."""
     R = exp([0, 0, rng.uniform(-np.pi, np.pi), 0, 0, 0])[:3, :3]
@@ -166,7 +179,11 @@ def make_thing(
     shared = np.random.default_rng(int(ambiguous)).normal(size=K)
     descriptor = (1 - alike) * own + alike * shared
     return Thing(
-        name, ambiguous, make_transform(R, position), extents * rng.uniform(0.8, 1.2), descriptor / np.linalg.norm(descriptor)
+        name,
+        ambiguous,
+        make_transform(R, position),
+        extents * rng.uniform(0.8, 1.2),
+        descriptor / np.linalg.norm(descriptor),
     )
 
 
@@ -178,13 +195,13 @@ def look_at(eye: Array, target: Array) -> Array:
     return make_transform(np.stack([right, np.cross(forward, right), forward], axis=1), eye)
 
 
-def circle_path(radius_m: float, n: int, loops: int = 1, height_m: float = 1.3, target_z: float = 0.75) -> list[Array]:
+def circle_path(radius_m: float, n: int, loops: int = 1, height_m: float = 1.3) -> list[Array]:
     """Round the origin, looking in, a little ahead."""
     angles = np.linspace(0, 2 * np.pi * loops, n)
     return [
         look_at(
             np.array([radius_m * np.cos(a), radius_m * np.sin(a), height_m]),
-            np.array([0.7 * np.cos(a + 0.8), 0.7 * np.sin(a + 0.8), target_z]),
+            np.array([0.7 * np.cos(a + 0.8), 0.7 * np.sin(a + 0.8), 0.75]),
         )
         for a in angles
     ]
@@ -203,7 +220,7 @@ def small_world(seed: int = 0, upright: bool = True, alike: float = 0.0) -> Worl
 
 
 def large_world(seed: int = 0, upright: bool = True, alike: float = 0.0) -> World:
-    """The study's world: ten tables in 10 x 15 m, 50 objects of which 5 are twins, two passes, blind frames."""
+    """The study's world: ten tables, 50 objects of which 5 are twins, two passes, blind frames."""
     rng = np.random.default_rng(seed)
     tables = [np.array([x, y, 0.75]) for y in (0.0, 3.2, 6.4, 9.6, 12.8) for x in (0.0, 3.4)]
     things = [
@@ -226,7 +243,7 @@ def _spot(i: int, rng: np.random.Generator) -> Array:
 
 
 def _two_passes() -> list[Array]:
-    """Round the outside looking in, then up and down the aisle: every table from two sides, at 0.1 m a frame."""
+    """Round the outside looking in, then up and down the aisle: every table from two sides, 0.1 m a frame."""
     camera = [(-2.2, 0), (-2.2, 12.8), (0, 15), (3.4, 15), (5.6, 12.8), (5.6, 0), (3.4, -2.2), (1.9, -2.2)]
     gaze = [(0, 0), (0, 12.8), (0, 12.8), (3.4, 12.8), (3.4, 12.8), (3.4, 0), (3.4, 0), (0.0, 0.0)]
     camera += [(2.1, 0), (2.1, 12.8), (1.7, 15.2), (1.3, 12.8), (1.3, 0)]
@@ -241,7 +258,7 @@ def _two_passes() -> list[Array]:
 
 def _resample(corners: Array, spacing_m: float) -> Array:
     """The smoothed polyline at equal spacing of its first two columns."""
-    pieces = [np.linspace(a, b, 200, endpoint=False) for a, b in zip(corners, corners[1:], strict=False)]
+    pieces = [np.linspace(a, b, 200, endpoint=False) for a, b in pairwise(corners)]
     line = _smooth(np.concatenate(pieces), 61)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line[:, :2], axis=0), axis=1))])
     wanted = np.arange(0.0, length[-1], spacing_m)
@@ -250,4 +267,5 @@ def _resample(corners: Array, spacing_m: float) -> Array:
 
 def _smooth(rows: Array, width: int) -> Array:
     padded = np.pad(rows, ((width // 2, width // 2), (0, 0)), mode="edge")
-    return np.stack([np.convolve(column, np.ones(width) / width, mode="valid") for column in padded.T], axis=1)
+    kernel = np.ones(width) / width
+    return np.stack([np.convolve(column, kernel, mode="valid") for column in padded.T], axis=1)
