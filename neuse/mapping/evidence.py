@@ -101,6 +101,6 @@ class Evidence:
         return [sight for sight in sights if sight is not None]
 
     def keyframes_at(self, center: Array, ticks: range, count: int) -> list[SeenKeyframe]:
-        """The `count` nearest keyframes of those steps with a place (3,), map frame, in view; oldest first."""
+        """The `count` nearest keyframes of those steps with a place (3,), map frame, in view, by age."""
         nearest = self._memory.nearest_views(center, ticks, self._free_space.max_range_m, count)
         return sorted(nearest, key=lambda keyframe: keyframe.tick)

@@ -1,6 +1,6 @@
 """Memory of keyframes: their latest poses, and what each saw: centres of objects, and depth."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -51,9 +51,7 @@ class KeyframeMemory:
                 frame.keyframe_id, tick, frame.intrinsics, _to_millimetres(frame.coarse_depth_m)
             )
             self._forget_every_second_depth()
-        moved = {
-            i for i, T in latest.items() if i in self.poses and np.abs(T - self.poses[i]).max() > _MOVED_M
-        }
+        moved = self._moved(latest)
         self.poses |= {i: T for i, T in latest.items() if i in moved or i not in self.poses}
         return moved
 
@@ -77,6 +75,14 @@ class KeyframeMemory:
         ranges_m = np.linalg.norm(T_camera_map[:, :3, :3] @ center + T_camera_map[:, :3, 3], axis=1)
         nearest = np.argsort(ranges_m, kind="stable")
         return [candidates[i] for i in nearest if in_view[i] and ranges_m[i] <= max_range_m][:count]
+
+    def _moved(self, latest: Mapping[int, Array]) -> set[int]:
+        """Known keyframes whose pose is another now."""
+        ids = [keyframe_id for keyframe_id in latest if keyframe_id in self.poses]
+        if not ids:
+            return set()
+        change = np.stack([latest[i] for i in ids]) - np.stack([self.poses[i] for i in ids])
+        return {ids[i] for i in np.flatnonzero(np.abs(change).max(axis=(1, 2)) > _MOVED_M)}
 
     def _forget_every_second_depth(self) -> None:
         """Thin the depth images out evenly when there are too many: neighbours tell much the same."""

@@ -99,7 +99,7 @@ RECONSTRUCT = {"bottle": decode, "mug": decode}
 
 
 def ray_depths(things: Sequence[Thing], tables: Sequence[Array], T_world_camera: Array, rays: Array) -> Array:
-    """(1 + t, n) depth along z at which rays (n, 3), z = 1, hit the ground and tables [0] and each thing [1:]."""
+    """(1 + t, n) depth along z at which rays (n, 3), z = 1, hit ground and tables [0], and each thing [1:]."""
     directions = rays @ T_world_camera[:3, :3].T
     origin = T_world_camera[:3, 3]
     depths = [_planes(origin, directions, tables)]
@@ -274,7 +274,7 @@ class World:
         return object_id
 
     def _observe(self, thing: Thing, T_world_camera: Array) -> Observation | None:
-        """The thing as the camera sees it; None if fewer than a tenth of a grid of rays at it hit it first."""
+        """The thing as the camera sees it; None if less than 0.3 of the rays at it hit it first."""
         T_camera_object = inverse(T_world_camera) @ thing.T_world_object
         center = T_camera_object[:3, 3]
         size = np.hypot(thing.radius_m, thing.height_m / 2) / max(center[2], 0.1)

@@ -1,0 +1,141 @@
+import numpy as np
+import pytest
+
+from neuse.mapping.change_detection import ChangeDetector, ChangeParams, Move, settled_changes
+from neuse.mapping.object_library import ObjectLibrary, ObjectRecord, View
+from neuse.records import NO_ID, ChangeKind, ObjectChange, ObjectStatus
+
+from .synthetic import make_code, standing
+
+S = 1_000_000_000
+PENDING = 60 * S
+
+
+def library_of(*entries):
+    """Objects (object_id, shape seed, since tick, last tick), a metre from each other."""
+    library = ObjectLibrary()
+    for i, (object_id, seed, since_tick, last_tick) in enumerate(entries):
+        thing = standing("thing", float(i), 0.0, seed=seed)
+        record = ObjectRecord(object_id, "bottle", {NO_ID: np.eye(4)}, 0, 0, since_tick, last_tick)
+        code = make_code(thing, thing.T_world_object, np.random.default_rng(object_id))
+        record.add_view(NO_ID, View(code, code.center[None]), 10)
+        library.records[object_id] = record
+    return library
+
+
+@pytest.fixture
+def detector():
+    return ChangeDetector(ChangeParams(), 0.95)
+
+
+def test_object_gone_and_newcomer_of_its_shape_are_a_move(detector):
+    library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
+    detector.note_gone(1, 0)
+    detector.note_come(2, 0)
+    assert detector.moves(library, 0, False) == [Move(1, 2)]
+    assert detector.moves(library, 0, True) == []
+    assert detector.added(library, 0, True) == []
+    assert detector.removed(0, True) == []
+
+
+def test_newcomer_of_another_shape_is_added_at_once_and_the_gone_one_removed_later(detector):
+    library = library_of((1, 5, 0, 3), (2, 6, 10, 20))
+    detector.note_gone(1, 0)
+    detector.note_come(2, 0)
+    assert detector.moves(library, 0, False) == []
+    assert detector.added(library, 0, False) == [2]
+    assert detector.removed(PENDING - 1, False) == []
+    assert detector.removed(PENDING, False) == [1]
+    assert detector.removed(PENDING, True) == []
+
+
+def test_newcomer_waits_while_the_place_of_a_like_object_is_unseen(detector):
+    library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
+    detector.note_come(2, 0)
+    assert detector.added(library, 0, False) == []
+    detector.note_gone(1, S)
+    assert detector.moves(library, S, False) == [Move(1, 2)]
+
+
+def test_newcomer_is_added_once_the_like_object_is_seen_at_home(detector):
+    library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
+    detector.note_come(2, 0)
+    library.records[1].seen(21, 0)
+    assert detector.added(library, 0, False) == [2]
+
+
+def test_newcomer_is_added_when_it_waited_long_enough(detector):
+    library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
+    detector.note_come(2, 0)
+    assert detector.added(library, PENDING - 1, False) == []
+    assert detector.added(library, PENDING, False) == [2]
+    assert detector.added(library, PENDING, False) == []
+
+
+def test_move_is_still_found_after_its_halves_were_reported(detector):
+    library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
+    detector.note_come(2, 0)
+    assert detector.added(library, 0, True) == [2]
+    detector.note_gone(1, S)
+    assert detector.moves(library, S, False) == [Move(1, 2)]
+
+
+def test_what_was_reported_long_ago_explains_nothing(detector):
+    library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
+    detector.note_gone(1, 0)
+    assert detector.removed(0, True) == [1]
+    library.records[1].status = ObjectStatus.REMOVED
+    detector.note_come(2, PENDING)
+    assert detector.moves(library, PENDING, False) == []
+    assert detector.added(library, PENDING, False) == [2]
+
+
+def test_object_seen_again_is_not_gone(detector):
+    detector.note_gone(1, 0)
+    detector.note_present(1)
+    assert detector.removed(PENDING, True) == []
+
+
+def test_object_seen_after_the_newcomer_came_did_not_move_there(detector):
+    library = library_of((1, 5, 0, 15), (2, 5, 10, 20))
+    detector.note_gone(1, 0)
+    detector.note_come(2, 0)
+    assert detector.moves(library, 0, True) == []
+    assert detector.removed(0, True) == [1]
+
+
+def test_swapped_objects_are_two_moves_paired_by_shape(detector):
+    library = library_of((1, 5, 0, 3), (2, 6, 0, 3), (3, 6, 10, 20), (4, 5, 10, 20))
+    for i in (1, 2):
+        detector.note_gone(i, 0)
+    for i in (3, 4):
+        detector.note_come(i, 0)
+    assert sorted(detector.moves(library, 0, False), key=lambda m: m.object_id) == [Move(1, 4), Move(2, 3)]
+
+
+def test_one_newcomer_explains_one_of_two_twins(detector):
+    library = library_of((1, 5, 0, 3), (2, 5, 0, 3), (3, 5, 10, 20))
+    detector.note_gone(1, 0)
+    detector.note_gone(2, 0)
+    detector.note_come(3, 0)
+    moves = detector.moves(library, 0, True)
+    assert len(moves) == 1
+    assert detector.removed(0, True) == [({1, 2} - {moves[0].object_id}).pop()]
+
+
+def change(kind, object_id, merged_id=NO_ID):
+    before = None if kind == ChangeKind.ADDED else np.eye(4)
+    after = None if kind == ChangeKind.REMOVED else np.eye(4)
+    return ObjectChange(0, kind, object_id, "mug", before, after, merged_id)
+
+
+def test_move_supersedes_its_halves_and_nothing_else():
+    other = [change(ChangeKind.ADDED, 5), change(ChangeKind.REMOVED, 6)]
+    halves = [change(ChangeKind.ADDED, 2), change(ChangeKind.REMOVED, 1)]
+    move = change(ChangeKind.MOVED, 1, merged_id=2)
+    assert settled_changes([*other, *halves, move]) == (*other, move)
+
+
+def test_what_comes_after_a_move_is_kept():
+    move, later = change(ChangeKind.MOVED, 1, merged_id=2), change(ChangeKind.REMOVED, 1)
+    assert settled_changes([move, later]) == (move, later)

@@ -1,0 +1,333 @@
+import time
+
+import numpy as np
+import pytest
+
+from neuse import geometry
+from neuse.errors import InputError, MeshError, ParamError
+from neuse.mapping.change_detection import ChangeParams
+from neuse.mapping.mapper import MapperParams, ObjectMapper
+from neuse.params import build, fields, flatten
+from neuse.records import ChangeKind, ObjectStatus
+
+from .synthetic import RECONSTRUCT, World, lying, orbit, standing
+
+ADDED, REMOVED, MOVED = ChangeKind.ADDED, ChangeKind.REMOVED, ChangeKind.MOVED
+
+
+def five_things():
+    return [
+        standing("a", -0.25, -0.2),
+        standing("b", 0.25, -0.2, 0.035, 0.14),
+        standing("c", 0.25, 0.25, 0.05, 0.09, category="mug"),
+        standing("d", -0.25, 0.2, 0.03, 0.2),
+        standing("e", 0.0, 0.02, 0.045, 0.1, category="mug"),
+    ]
+
+
+def make_world(things=None, mapper=None, **kwargs):
+    return World(mapper or ObjectMapper(RECONSTRUCT), five_things() if things is None else things, **kwargs)
+
+
+def revisit(world, *edits, count=16):
+    """Two tours around the table with edits between; the changes as (kind, true name at first sight)."""
+    world.tour(orbit(count=count))
+    first_ids = {object_id: name for name, object_id in world.ids.items()}
+    for edit in edits:
+        edit(world)
+    world.tour(orbit(count=count, start_rad=1.0))
+    changes = world.finish()
+    names = first_ids | {
+        object_id: name for name, object_id in world.ids.items() if object_id not in first_ids
+    }
+    return sorted((change.kind, names[change.object_id]) for change in changes)
+
+
+def swap(first, second):
+    def edit(world):
+        p, q = (world.thing(name).T_world_object[:2, 3] for name in (first, second))
+        world.move(first, *q)
+        world.move(second, *p)
+
+    return edit
+
+
+def assert_map_is_true(world, tolerance_m=0.02):
+    """Every thing is mapped once, at its place, and nothing else is present."""
+    present = [o for o in world.mapper.object_map.objects if o.status != ObjectStatus.REMOVED]
+    places = np.array([thing.T_world_object[:3, 3] for thing in world.things])
+    mapped = np.array([known.T_map_object[:3, 3] for known in present])
+    assert len(present) == len(world.things)
+    distances = np.linalg.norm(places[:, None] - mapped, axis=2)
+    assert distances.min(axis=0).max() < tolerance_m
+    assert distances.min(axis=1).max() < tolerance_m
+
+
+SCENARIOS = {
+    "nothing": ([], []),
+    "removed": ([lambda w: w.remove("a")], [(REMOVED, "a")]),
+    "added": ([lambda w: w.add(standing("f", 0.0, -0.3))], [(ADDED, "f")]),
+    "moved": ([lambda w: w.move("a", 0.0, -0.3)], [(MOVED, "a")]),
+    "moved by 5 cm": ([lambda w: w.move("a", -0.2, -0.2)], [(MOVED, "a")]),
+    "bottles swapped": ([swap("a", "b")], [(MOVED, "a"), (MOVED, "b")]),
+    "mugs swapped": ([swap("c", "e")], [(MOVED, "c"), (MOVED, "e")]),
+    "mug and bottle swapped": ([swap("d", "e")], [(MOVED, "d"), (MOVED, "e")]),
+    "replaced by a new one": (
+        [lambda w: w.remove("a"), lambda w: w.add(standing("f", -0.25, -0.2, 0.045, 0.12))],
+        [(ADDED, "f"), (REMOVED, "a")],
+    ),
+    "moved into the place of a removed one": (
+        [lambda w: w.remove("a"), lambda w: w.move("b", -0.25, -0.2)],
+        [(REMOVED, "a"), (MOVED, "b")],
+    ),
+    "three at once": (
+        [
+            lambda w: w.remove("a"),
+            lambda w: w.add(standing("f", 0.0, -0.3)),
+            lambda w: w.move("b", 0.05, 0.35),
+        ],
+        [(ADDED, "f"), (REMOVED, "a"), (MOVED, "b")],
+    ),
+}
+
+
+@pytest.mark.parametrize(("edits", "expected"), SCENARIOS.values(), ids=SCENARIOS)
+def test_changes_between_two_visits_are_found_and_none_else(edits, expected):
+    world = make_world()
+    assert revisit(world, *edits) == expected
+    assert_map_is_true(world)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_missed_masks_change_nothing(seed):
+    missing = np.random.default_rng(seed).random((100, 128)) < 0.4
+    world = make_world(seed=seed, is_missed=lambda frame, name: missing[frame, ord(name[0])])
+    assert revisit(world) == []
+    assert_map_is_true(world)
+
+
+def test_object_that_is_never_detected_again_is_not_removed():
+    world = make_world(is_missed=lambda frame, name: name == "a" and frame >= 16)
+    assert revisit(world) == []
+    assert_map_is_true(world)
+
+
+def test_object_that_only_association_misses_is_seen_by_the_object_graph():
+    world = make_world(is_unmatched=lambda frame, name: name == "c" and frame >= 16)
+    assert revisit(world) == []
+    mug = next(o for o in world.mapper.object_map.objects if o.object_id == world.ids["c"])
+    assert mug.last_seen_ns > 2_500_000_000
+
+
+def test_object_that_an_addition_hides_is_not_removed():
+    world = make_world()
+    world.tour(orbit(count=16))
+    world.add(standing("tall", -0.1, -0.42, 0.11, 0.3))
+    world.tour(orbit(count=16, start_rad=-2.2, turn_rad=1.2))
+    assert [(c.kind, c.object_id) for c in world.finish()] == [(ADDED, world.ids["tall"])]
+
+
+def test_object_first_seen_late_because_it_was_hidden_is_a_discovery():
+    tall = standing("tall", -0.05, -0.38, 0.11, 0.3)
+    world = make_world([*five_things()[1:], tall, standing("behind", -0.05, -0.15, height_m=0.08)])
+    world.tour(orbit(count=8, start_rad=-1.8, turn_rad=0.4))
+    assert "behind" not in world.ids
+    world.tour(orbit(count=16, start_rad=0.5, turn_rad=2.5))
+    assert "behind" in world.ids
+    assert world.finish() == []
+
+
+def test_drift_before_a_loop_closure_changes_nothing():
+    """The second visit starts 20 cm off and is put right after six frames."""
+    off = np.array([0.0, 0.0, 0.03, 0.15, 0.05, 0.12])
+    world = make_world(drift=lambda frame: off if 16 <= frame < 22 else np.zeros(6))
+    world.tour(orbit(count=16))
+    true = orbit(count=16, start_rad=1.0)
+    world.tour(true[:6])
+    world.correct([*[k.T_map_camera for k in world._keyframes[:16]], *true[:6]])
+    world.tour(true[6:])
+    assert world.finish() == []
+    assert_map_is_true(world)
+
+
+def test_removal_is_found_in_spite_of_drift():
+    off = np.array([0.0, 0.0, 0.03, 0.08, 0.03, 0.06])
+    world = make_world(drift=lambda frame: off if frame >= 16 else np.zeros(6))
+    assert revisit(world, lambda w: w.remove("a")) == [(REMOVED, "a")]
+
+
+def test_objects_met_again_under_new_ids_after_a_drift_are_not_changes():
+    """Association fails until the loop closes; the doubles then coincide with the objects and are merged."""
+    off = np.array([0.0, 0.0, 0.03, 0.25, 0.1, 0.2])
+    world = make_world(drift=lambda frame: off if 16 <= frame < 24 else np.zeros(6))
+    world.tour(orbit(count=16))
+    old_ids, world.ids = dict(world.ids), {}
+    true = orbit(count=24, start_rad=1.0)
+    world.tour(true[:8])
+    world.correct([*[k.T_map_camera for k in world._keyframes[:16]], *true[:8]])
+    assert world.changes == []
+    world.ids |= {name: old_ids[name] for name in "abd"}
+    world.tour(true[8:])
+    assert world.finish() == []
+
+
+def test_object_moved_to_another_table_waits_for_its_old_place():
+    tables = ((0.0, 0.0, 0.6), (3.0, 0.0, 0.6))
+    there = [
+        standing(n, 3.0 + x, y, 0.04, 0.12) for n, x, y in (("u", -0.2, 0.2), ("v", 0.2, 0.2), ("w", 0, -0.2))
+    ]
+    world = make_world([*five_things(), *there], tables=tables)
+    world.tour([*orbit(count=12), *orbit(x=3.0, count=12)])
+    first_id = world.ids["a"]
+    world.move("a", 3.0, 0.1)
+    world.tour(orbit(x=3.0, count=12))
+    assert world.changes == []
+    world.tour(orbit(count=12))
+    assert [(c.kind, c.object_id) for c in world.changes] == [(MOVED, first_id)]
+    assert world.finish() == world.changes
+    assert_map_is_true(world)
+
+
+def test_twin_that_stays_is_not_taken_for_the_one_that_moved():
+    twins = [standing(n, x, y, seed=7) for n, x, y in (("p", -0.25, 0.0), ("q", 0.3, 0.0))]
+    world = make_world([*five_things()[:4], *twins])
+    assert revisit(world, lambda w: w.move("p", 0.0, -0.3)) == [(MOVED, "p")]
+    assert_map_is_true(world)
+
+
+def test_lying_object_that_is_taken_away_is_removed():
+    things = [lying(thing) if thing.name == "a" else thing for thing in five_things()]
+    assert revisit(make_world(things), lambda w: w.remove("a")) == [(REMOVED, "a")]
+
+
+def test_removed_object_put_back_is_added():
+    world = make_world(mapper=ObjectMapper(RECONSTRUCT, MapperParams(changes=ChangeParams(pending_s=0.0))))
+    a = world.thing("a")
+    world.tour(orbit(count=16))
+    world.remove("a")
+    world.tour(orbit(count=16))
+    world.add(a)
+    world.tour(orbit(count=16))
+    assert [c.kind for c in world.finish()] == [REMOVED, ADDED]
+    assert_map_is_true(world)
+
+
+def test_tracker_may_go_on_with_the_new_id_of_a_moved_object():
+    world = make_world(obeys=False)
+    world.tour(orbit(count=16))
+    first_id = world.ids["a"]
+    world.move("a", 0.0, -0.3)
+    world.tour(orbit(count=24, start_rad=1.0))
+    assert world.ids["a"] != first_id
+    assert [(c.kind, c.object_id) for c in world.finish()] == [(MOVED, first_id)]
+    assert_map_is_true(world)
+
+
+@pytest.mark.parametrize("shuffles", [1, 2])
+def test_map_does_not_depend_on_the_order_of_observations_in_a_frame(shuffles):
+    maps = []
+    for order in (None, shuffles):
+        world = make_world(shuffles=order)
+        revisit(world, lambda w: w.move("a", 0.0, -0.3), count=12)
+        maps.append(world.mapper.object_map)
+    for one, other in zip(maps[0].objects, maps[1].objects, strict=True):
+        assert (one.object_id, one.status, one.n_observations) == (
+            other.object_id,
+            other.status,
+            other.n_observations,
+        )
+        np.testing.assert_array_equal(one.code.z, other.code.z)
+
+
+def test_loop_closure_moves_the_objects_with_their_keyframes():
+    world = make_world()
+    world.tour(orbit(count=12))
+    before = {o.object_id: o.box_center for o in world.mapper.object_map.objects}
+    T = geometry.exp([0.0, 0.0, 0.2, 0.5, -0.3, 0.1])
+    world.correct([T @ keyframe.T_map_camera for keyframe in world._keyframes])
+    frame = world.frame(orbit()[0])
+    world.mapper.step(frame, world._keyframes[:-1])
+    for known in world.mapper.object_map.objects:
+        expected = geometry.transform_points(T, before[known.object_id])
+        np.testing.assert_allclose(known.box_center, expected, atol=0.05)
+
+
+def test_map_lists_pose_box_and_times():
+    world = make_world()
+    world.tour(orbit(count=12))
+    objects = world.mapper.object_map.objects
+    assert [known.object_id for known in objects] == sorted(world.ids.values())
+    for name, object_id in world.ids.items():
+        known, thing = objects[object_id], world.thing(name)
+        assert known.category == thing.category
+        np.testing.assert_allclose(known.box_center, thing.T_world_object[:3, 3], atol=0.02)
+        assert known.box_size[2] == pytest.approx(thing.height_m, abs=0.015)
+        assert 0 <= known.first_seen_ns < known.last_seen_ns <= 1_100_000_000
+        assert known.n_observations >= 8
+        assert world.mapper.mesh(object_id).contains([known.box_center]).all()
+
+
+def test_unknown_object_has_no_mesh():
+    with pytest.raises(InputError, match="42"):
+        ObjectMapper(RECONSTRUCT).mesh(42)
+
+
+def test_category_without_decoder_is_mapped_but_has_no_mesh():
+    world = make_world(mapper=ObjectMapper({"bottle": RECONSTRUCT["bottle"]}))
+    world.tour(orbit(count=8))
+    mug_id = world.ids["c"]
+    assert mug_id in {known.object_id for known in world.mapper.object_map.objects}
+    with pytest.raises(MeshError, match="mug"):
+        world.mapper.mesh(mug_id)
+
+
+def test_reset_forgets_everything():
+    world = make_world()
+    world.tour(orbit(count=8))
+    world.mapper.reset()
+    assert world.mapper.object_map.objects == ()
+    assert world.mapper.changes == ()
+
+
+def test_changes_after_a_reload_are_found(tmp_path):
+    """Saved after the first visit; a new session with keyframes and a clock of its own finds what changed."""
+    first = make_world()
+    first.tour(orbit(count=16))
+    first.mapper.save(tmp_path / "map.npz")
+    mapper = ObjectMapper(RECONSTRUCT)
+    mapper.load(tmp_path / "map.npz")
+    for one, other in zip(first.mapper.object_map.objects, mapper.object_map.objects, strict=True):
+        assert (one.object_id, one.category, one.first_seen_ns) == (
+            other.object_id,
+            other.category,
+            other.first_seen_ns,
+        )
+        np.testing.assert_allclose(one.code.z, other.code.z, atol=1e-9)
+    second = make_world(mapper=mapper, seed=1)
+    second.ids, second._places, second._shapes = dict(first.ids), dict(first._places), dict(first._shapes)
+    second._next_id = 100
+    second.remove("a")
+    second.add(standing("f", 0.0, -0.3))
+    second.tour(orbit(count=16, start_rad=0.3))
+    expected = [(ADDED, second.ids["f"]), (REMOVED, first.ids["a"])]
+    assert sorted((c.kind, c.object_id) for c in second.finish()) == expected
+
+
+def test_step_takes_few_milliseconds():
+    world = make_world()
+    frames = [world.frame(T) for T in orbit()]
+    took_s = []
+    for i, frame in enumerate(frames):
+        start_s = time.process_time()
+        world.mapper.step(frame, world._keyframes[max(0, i - 9) : i + 1])
+        took_s.append(time.process_time() - start_s)
+    assert np.median(took_s) < 0.02
+
+
+def test_parameters_have_meanings_ranges_and_dotted_names():
+    params = MapperParams()
+    assert build(params, flatten(params)) == params
+    assert all(field.metadata.get("description") for field in fields(params).values())
+    assert flatten(params)["layout.delta_e_m"] == 0.03
+    with pytest.raises(ParamError, match="delta_e_m"):
+        build(params, {"layout.delta_e_m": -1.0})

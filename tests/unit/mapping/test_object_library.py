@@ -1,0 +1,143 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from neuse import geometry
+from neuse.geometry import inverse
+from neuse.mapping.object_library import ObjectLibrary, ObjectRecord, View, average_codes, make_view
+from neuse.records import NO_ID, ObjectStatus
+
+from .synthetic import make_code, standing
+
+MUG = standing("mug", 0.2, 0.1, category="mug")
+RNG = np.random.default_rng(0)
+
+
+def poses(count, seed=0):
+    rng = np.random.default_rng(seed)
+    return np.stack([geometry.exp(rng.normal(size=6)) for _ in range(count)])
+
+
+def views_from(T_world_cameras, noise_m=0.0):
+    rng = np.random.default_rng(1)
+    return [make_code(MUG, inverse(T) @ MUG.T_world_object, rng, noise_m) for T in T_world_cameras]
+
+
+def record(object_id, T_map_keyframes, since_tick=0, last_tick=0):
+    known = {NO_ID: np.eye(4)} | dict(enumerate(T_map_keyframes))
+    made = ObjectRecord(object_id, "mug", known, 10, 20, since_tick, last_tick)
+    for i, code in enumerate(views_from(T_map_keyframes)):
+        made.add_view(i, View(code, np.zeros((5, 3)) + code.center), max_views=100)
+    return made
+
+
+def test_average_of_exact_views_is_the_object():
+    T = poses(5)
+    code = average_codes(views_from(T), T, np.ones(5))
+    np.testing.assert_allclose(code.T_frame_object, MUG.T_world_object, atol=1e-9)
+
+
+def test_average_is_better_than_single_views():
+    T = poses(16)
+    views = views_from(T, noise_m=0.01)
+    true_center = MUG.T_world_object[:3, 3]
+    centers = [view.transformed(T_i).center for view, T_i in zip(views, T, strict=True)]
+    mean = average_codes(views, T, np.ones(16)).center
+    assert np.linalg.norm(mean - true_center) < np.linalg.norm(centers - true_center, axis=1).mean() / 2
+
+
+def test_flipped_view_among_good_ones_hardly_counts():
+    T = poses(6)
+    views = views_from(T)
+    upside_down = geometry.exp([np.pi, 0, 0, 0, 0, 0])
+    views[2] = make_code(MUG, inverse(T[2]) @ MUG.T_world_object @ upside_down, RNG, 0.0)
+    code = average_codes(views, T, np.ones(6))
+    angle = geometry.rotation_angle(code.T_frame_object[:3, :3].T @ MUG.T_world_object[:3, :3])
+    assert angle < 0.05
+
+
+def test_average_moves_with_the_frame():
+    T, G = poses(4), geometry.exp([0.3, -0.2, 0.1, 1.0, 2.0, 3.0])
+    views = views_from(T, noise_m=0.01)
+    still = average_codes(views, T, np.ones(4)).transformed(G)
+    moved = average_codes(views, G @ T, np.ones(4))
+    np.testing.assert_allclose(moved.z, still.z, atol=1e-9)
+
+
+def test_corrected_keyframe_moves_the_object_that_hangs_on_it():
+    known = record(3, [np.eye(4)])
+    library = ObjectLibrary()
+    library.records[3] = known
+    before = known.center
+    known.poses[0][:3, 3] += [0.5, 0.0, 0.0]
+    np.testing.assert_array_equal(known.center, before)
+    library.invalidate({7})
+    np.testing.assert_array_equal(known.center, before)
+    library.invalidate({0})
+    np.testing.assert_allclose(known.center, before + np.array([0.5, 0.0, 0.0]))
+    np.testing.assert_allclose(known.points.mean(axis=0), known.center, atol=1e-9)
+
+
+def test_views_are_bounded_and_spread_evenly():
+    known = record(3, [np.eye(4)] * 2)
+    view = known.views[0]
+    known.poses.update({i: np.eye(4) for i in range(200)})
+    for i in range(2, 200):
+        known.add_view(i, view, max_views=8)
+    kept = sorted(known.views)
+    assert 4 <= len(kept) <= 8
+    assert kept[-1] == 199
+    assert max(np.diff(kept)) <= 100
+
+
+def test_first_view_of_a_keyframe_is_kept():
+    known = record(3, [np.eye(4)])
+    first = known.views[0]
+    known.add_view(0, replace(first, weight=7.0), max_views=8)
+    assert known.views[0] is first
+
+
+def test_view_keeps_the_asked_number_of_points_and_drops_the_farthest():
+    code = make_code(MUG, MUG.T_world_object, RNG, 0.0)
+    near = code.center + RNG.normal(scale=0.02, size=(100, 3))
+    stray = code.center + np.array([3.0, 0.0, 0.0]) + RNG.normal(scale=0.02, size=(10, 3))
+    view = make_view(code, np.concatenate([near, stray]), np.eye(4), False, 48)
+    assert len(view.points) == 48
+    assert np.linalg.norm(view.points - code.center, axis=1).max() < 0.2
+
+
+def test_view_that_the_border_cuts_weighs_less():
+    code, cloud = make_code(MUG, MUG.T_world_object, RNG), RNG.normal(size=(20, 3))
+    assert (
+        make_view(code, cloud, np.eye(4), True, 8).weight < make_view(code, cloud, np.eye(4), False, 8).weight
+    )
+
+
+def test_merged_id_means_the_object_that_is_kept():
+    library = ObjectLibrary()
+    library.records = {i: record(i, poses(1), last_tick=i) for i in (1, 2, 3)}
+    library.merge(3, 2)
+    library.merge(2, 1)
+    assert library.find(3) is library.find(2) is library.records[1]
+    assert list(library.records) == [1]
+    assert library.records[1].last_tick == 3
+    assert library.find(9) is None
+
+
+def test_moved_object_takes_over_the_newcomers_place():
+    library = ObjectLibrary()
+    here, there = record(1, poses(2), since_tick=1), record(2, poses(2, seed=5), since_tick=9, last_tick=12)
+    library.records = {1: here, 2: there}
+    library.move(1, 2)
+    assert here.status == ObjectStatus.MOVED
+    assert (here.since_tick, here.last_tick) == (9, 12)
+    assert here.views is there.views
+    assert library.find(2) is here
+
+
+def test_objects_of_different_categories_are_never_similar():
+    mug, other = record(1, poses(1)), record(2, poses(1))
+    assert mug.similarity(other) == pytest.approx(1.0)
+    other.category = "bottle"
+    assert mug.similarity(other) == -1.0
