@@ -20,6 +20,7 @@ SMOOTH = (9.0, 9.0)
 SOFT = (0.3, 1.2)
 EDGE = (0.05, 0.2)
 TIGHT = (0.0, 0.06)
+PUMP_HEAD = 0.055
 
 
 @dataclass(frozen=True)
@@ -89,8 +90,8 @@ FAMILIES: dict[str, Family] = {
     )),
     "pump": Family((0.14, 0.26), (0.14, 0.22), (
         *_body((0.55, 0.66), shoulder=EDGE), ((0.4, 0.55), (0.66, 0.72), EDGE),
-        ((0.4, 0.55), (0.8, 0.82), TIGHT), ((0.14, 0.2), (0.83, 0.85), TIGHT), ((0.14, 0.2), (0.94, 0.94), TIGHT),
-        *_cap(0.945, (0.22, 0.32)),
+        ((0.4, 0.55), (0.8, 0.82), TIGHT), ((0.14, 0.2), (0.83, 0.85), TIGHT),
+        ((0.14, 0.2), (0.94, 0.94), TIGHT), *_cap(1 - PUMP_HEAD, (0.22, 0.32)),
     ), aspect=(1, 1.25), pump=True),
     "jug": Family((0.18, 0.34), (0.2, 0.34), (
         ((0.55, 0.75), (0, 0), EDGE), ((1, 1), (0.15, 0.45), SMOOTH), ((0.75, 1), (0.55, 0.65), SMOOTH),
@@ -167,9 +168,7 @@ def _aspect(profile: Array, body_aspect: float) -> Array:
 
 def _nozzle(profile: Array, rng: np.random.Generator) -> tuple[Array, Array]:
     """Path and half sizes of a small spout to one side of a pump's head."""
-    cap, z = profile[-1, 0], profile[-1, 1]
-    half = 0.3 * (z - profile[-12, 1]) + 0.001
-    length = rng.uniform(1.5, 2.6) * cap
-    return np.array([[0.0, z - 2 * half], [length, z - 2 * half]]), np.array(
-        [half, min(1.5 * half, 0.6 * cap)]
-    )
+    cap, z = profile[-1]
+    half, length = 0.4 * PUMP_HEAD * z, rng.uniform(1.5, 2.6) * cap
+    middle = z - 1.25 * half
+    return np.array([[0.0, middle], [length, middle]]), np.array([half, min(1.5 * half, 0.6 * cap)])

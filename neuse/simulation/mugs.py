@@ -121,8 +121,8 @@ def _sample_cavity(body: _Body, rng: np.random.Generator) -> manifold3d.Manifold
     corner = min(rng.uniform(0.1, 0.8) * float(_inner_radius(body, floor)), 0.3 * body.height)
     ease = 1 - np.cos(np.linspace(0, np.pi / 2, 8))
     z = np.concatenate([floor + corner * ease, np.linspace(floor + corner, body.height, 20)[1:]])
-    missing = np.clip(corner - (z - floor), 0, corner)
-    inner = _inner_radius(body, z) - (corner - np.sqrt(corner**2 - missing**2))
+    short = np.clip(1 - (z - floor) / corner, 0, 1)
+    inner = _inner_radius(body, z) - corner * (1 - np.sqrt(1 - short**2))
     profile = np.vstack([np.stack([inner, z], axis=1), [inner[-1], body.height + 0.01]])
     foot_radius = 0.9 * body.profile[0, 0] - body.wall_m
     if foot_radius < 0.004:
@@ -134,5 +134,5 @@ def _sample_cavity(body: _Body, rng: np.random.Generator) -> manifold3d.Manifold
 def _inner_radius(body: _Body, z: ArrayLike) -> Array:
     """Largest radius at heights z that stays a wall's thickness away from the outside."""
     reach = np.linspace(-1, 1, 15) * body.wall_m
-    near = body.radius(np.asarray(z)[..., None] + reach) - np.sqrt(body.wall_m**2 - reach**2)
+    near = body.radius(np.asarray(z)[..., None] + reach) - np.sqrt(np.maximum(body.wall_m**2 - reach**2, 0.0))
     return near.min(axis=-1)

@@ -11,7 +11,7 @@ from neuse.simulation.bottles import sample_bottle
 from neuse.simulation.mugs import sample_mug
 from neuse.simulation.textures import Color, Texture, sample_texture, texture_color
 
-__all__ = ["Shape", "Texture", "categories", "make_shape", "sample_shape", "texture_color"]
+__all__ = ["Shape", "Texture", "categories", "is_ambiguous", "make_shape", "sample_shape", "texture_color"]
 
 SPLITS = ("train", "validation", "test")
 HELD_OUT_SHARE = 0.25
@@ -20,7 +20,7 @@ _SAMPLERS = {"mug": sample_mug, "bottle": sample_bottle}
 _AMBIGUOUS = {"mug": False, "bottle": True}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # compared and hashed by identity
 class Shape:
     """An object in its own frame, metres.
 
@@ -50,6 +50,11 @@ def categories() -> tuple[str, ...]:
     return tuple(_SAMPLERS)
 
 
+def is_ambiguous(category: str) -> bool:
+    """Whether objects of the category are taken to be the same all around their axis."""
+    return _AMBIGUOUS.get(category, False)
+
+
 def sample_shape(category: str, rng: np.random.Generator, split: str = "train") -> Shape:
     """A random shape.
 
@@ -75,7 +80,7 @@ def sample_shape(category: str, rng: np.random.Generator, split: str = "train") 
 
 def make_shape(name: str, category: str, mesh: trimesh.Trimesh, texture: Texture | None = None) -> Shape:
     """A shape from a closed mesh that is already in the object frame."""
-    ambiguous = _AMBIGUOUS.get(category, False)
+    ambiguous = is_ambiguous(category)
     return Shape(name, category, ambiguous, mesh, _extents(mesh, ambiguous), texture or Texture())
 
 
