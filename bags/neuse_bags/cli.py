@@ -32,8 +32,12 @@ def run_command(
     action: Callable[[argparse.Namespace], None],
     argv: list[str] | None = None,
 ) -> int:
-    """Parse, act, and turn expected errors into an exit code; what follows --ros-args is left to rclpy."""
+    """Parse, act, and turn expected errors into an exit code; SIGTERM interrupts like Ctrl-C.
+
+    What follows --ros-args is left to rclpy.
+    """
     args = parser.parse_args(_own_arguments(sys.argv[1:] if argv is None else argv))
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         action(args)
     except NeuseError as error:

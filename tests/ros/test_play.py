@@ -43,7 +43,7 @@ def bag_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @dataclass
 class Heard:
-    """What one playback gave: bytes by topic, arrival times, clock, offered reliability, output of the player."""
+    """What one playback gave; arrival times of odometry are of this process."""
 
     data: dict[str, list[bytes]] = field(default_factory=dict)
     odometry_s: list[float] = field(default_factory=list)
