@@ -11,7 +11,7 @@ from neuse.geometry import Array
 from neuse.slam.object_frames import ObjectFrames, SigmaParams, reduce_codes, skews
 
 LEVER_M = 0.05  # at which directions count as points in `residual_m`: about half an object
-GRADUATION = (64.0, 8.0, 3.0)  # Cauchy scales in sigmas: from all alike down to the robust answer
+GRADUATION = (64.0, 8.0, 3.0, 3.0, 3.0)  # Cauchy scales in sigmas: from all alike down to the robust answer
 INLIER_SIGMAS = 6.0
 MAX_SIGMA_RAD = 1.0  # a rotation known no better than this is not determined
 
