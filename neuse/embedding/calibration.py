@@ -16,9 +16,9 @@ def calibrate(network: Network, views: ViewSet, n_views: int = 2048) -> None:
     encoding, batch = encode_all(network, views, n_views)
     error = frame_error(encoding.frame, batch.target, network.ambiguous)
     normalised = torch.cat([error.rotation, error.translation], -1) * torch.exp(-encoding.log_sigmas)
-    # a robust spread: the middle 80 % of a normal distribution has quadratic mean 0.66
-    kept = normalised.abs().quantile(0.8, dim=0) / 1.2816
-    network.sigma_scale.copy_(kept.clamp(0.3, 5.0))
+    # a robust spread, blind to flipped frames: 80 % of a normal distribution lie within 1.2816 sigmas
+    spread = normalised.abs().quantile(0.8, dim=0) / 1.2816
+    network.sigma_scale.copy_(spread.clamp(0.3, 5.0))
     logits, occupied = decode_all(network, encoding, batch).numpy(), batch.occupied.numpy()
     thresholds = np.linspace(-2.0, 0.5, 26)
     network.occupancy_logit.fill_(

@@ -70,7 +70,7 @@ class Code:
 
 def _orthonormal(axes: Array, ambiguous: bool) -> Array:
     """Right-handed rotation with z along axes[:, 2] and x in the half plane of axes[:, 0]."""
-    z = axes[:, 2] / max(np.linalg.norm(axes[:, 2]), 1e-12)
+    z = axes[:, 2] / max(float(np.linalg.norm(axes[:, 2])), 1e-12)
     x = np.eye(3)[np.argmin(np.abs(z))] if ambiguous else axes[:, 0]
     x = x - z * (z @ x)
     if np.linalg.norm(x) < 1e-9:

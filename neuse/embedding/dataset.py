@@ -12,6 +12,9 @@ from neuse.embedding.cloud import core
 from neuse.embedding.network import UNIT_M
 from neuse.embedding.views import POINT_UNIT_M
 
+FAR_SHARE = (
+    8  # one of so many queries lies outside the object's box: the decoder must know that space is empty
+)
 PER_VIEW = ("points", "partial_center", "T_camera_object", "visible", "handle", "noise_m", "n_points")
 PER_SHAPE = ("queries", "occupied", "extents")
 
@@ -81,7 +84,14 @@ class ViewSet:
         if self.ambiguous:
             axes = axes * [0.0, 0.0, 1.0]
         chosen = rng.integers(0, a["queries"].shape[1], n_queries)
-        queries = a["queries"][self.shape[index]][:, chosen] * scales[:, None]
+        queries, occupied = (
+            a["queries"][self.shape[index]][:, chosen],
+            a["occupied"][self.shape[index]][:, chosen],
+        )
+        n_far = n_queries // FAR_SHARE
+        queries[:, :n_far] = _far_points(extents, n_far, rng)
+        occupied[:, :n_far] = False
+        queries = queries * scales[:, None]
         queries = queries @ R.transpose(0, 2, 1) + center[:, None]
         target = np.concatenate([center[..., None], axes], -1)
         return Batch(
@@ -89,7 +99,7 @@ class ViewSet:
             _tensor(target / UNIT_M),
             torch.from_numpy(self.shape[index].astype(np.int64)),
             _tensor(queries / UNIT_M),
-            torch.from_numpy(a["occupied"][self.shape[index]][:, chosen]),
+            torch.from_numpy(occupied),
             torch.from_numpy(index),
         )
 
@@ -104,6 +114,13 @@ def _only_core(shard: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     shift = points_m.mean(axis=1)
     points = np.round((points_m - shift[:, None]) / POINT_UNIT_M).astype(np.int16)
     return shard | {"points": points, "partial_center": shard["partial_center"] + shift}
+
+
+def _far_points(extents: np.ndarray, n: int, rng: np.random.Generator) -> np.ndarray:
+    """(B, n, 3) points outside boxes of half sizes (B, 3), up to three times as far, object frame."""
+    direction = rng.normal(size=(len(extents), n, 3))
+    direction /= np.abs(direction).max(axis=-1, keepdims=True)
+    return direction * rng.uniform(1.05, 3.0, (len(extents), n, 1)) * extents[:, None]
 
 
 def _tensor(array: np.ndarray) -> Tensor:

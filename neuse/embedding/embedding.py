@@ -83,10 +83,15 @@ class Embedding:
         """The full shape of a code as a closed mesh, in the frame of the code.
 
         Raises:
-            InputError: the code is of another category, or decodes to nothing.
+            InputError: the code is of another category or size or decodes to nothing; no positive resolution.
         """
         if code.category != self.category:
             raise InputError("category", f"a {self.category} decoder was given the code of a {code.category}")
+        k = self.network.config.n_latent
+        if len(code.z) != k:
+            raise InputError("code_size", f"the code has {len(code.z)} latent points, the decoder reads {k}")
+        if not 0.0 < resolution_m < np.inf:
+            raise InputError("resolution", f"resolution_m = {resolution_m} must be positive and finite")
         return reconstruct(self.network, code, resolution_m)
 
     def _sample(self, cloud: Array) -> Array:

@@ -71,24 +71,32 @@ def load_network(path: Path, category: str | None = None) -> Network:
     Raises:
         WeightsError: missing, damaged, of another version or category, or tensors that do not fit.
     """
-    try:
-        with safetensors.safe_open(path, "pt") as file:
-            metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (OSError, safetensors.SafetensorError) as error:
-        raise WeightsError(f"cannot read weights {path}: {error}; train them with `make train`") from error
+    metadata, tensors = _read(path)
     if metadata.get("format_version") != FORMAT_VERSION:
         found = metadata.get("format_version")
         raise WeightsError(f"{path} has format version {found!r}, this library reads {FORMAT_VERSION!r}")
-    if category is not None and metadata["category"] != category:
-        raise WeightsError(f"{path} holds category {metadata['category']!r}, not {category!r}")
-    return _rebuild(path, metadata, tensors)
+    network = _rebuild(path, metadata, tensors)
+    if category is not None and network.category != category:
+        raise WeightsError(f"{path} holds category {network.category!r}, not {category!r}")
+    return network
 
 
 def read_card(path: Path) -> dict[str, object]:
-    """How the weights in `path` came about: recipe, data, seed, commit, figures."""
-    with safetensors.safe_open(path, "pt") as file:
-        return json.loads((file.metadata() or {}).get("card", "{}"))
+    """How the weights in `path` came about: recipe, data, seed, commit, figures.
+
+    Raises:
+        WeightsError: missing or damaged.
+    """
+    return json.loads(_read(path)[0].get("card", "{}"))
+
+
+def _read(path: Path) -> tuple[dict[str, str], dict[str, Tensor]]:
+    """Metadata and tensors of a safetensors file."""
+    try:
+        with safetensors.safe_open(path, "pt") as file:
+            return file.metadata() or {}, {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (OSError, safetensors.SafetensorError) as error:
+        raise WeightsError(f"cannot read weights {path}: {error}; train them with `make train`") from error
 
 
 def _rebuild(path: Path, metadata: dict[str, str], tensors: dict[str, Tensor]) -> Network:
@@ -98,4 +106,7 @@ def _rebuild(path: Path, metadata: dict[str, str], tensors: dict[str, Tensor]) -
         network.load_state_dict(tensors)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise WeightsError(f"weights {path} do not fit the network: {error}") from error
+    for name, tensor in tensors.items():
+        if not tensor.isfinite().all():
+            raise WeightsError(f"weights {path} hold numbers in {name} that are not finite")
     return network.eval()

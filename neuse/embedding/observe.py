@@ -3,6 +3,7 @@ pass."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from neuse.embedding.embedding import Embedding, load_embedding, shipped_categor
 from neuse.errors import InputError
 from neuse.params import CheckedParams, param
 from neuse.records import Instance, Intrinsics, Observation, ObservedFrame, Rejection, RgbdFrame
+
+NO_PIXELS = np.empty(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -49,74 +52,44 @@ class Observer:
             InputError: the frame as a whole cannot be used (sizes, intrinsics, array types).
         """
         check_frame(frame)
-        rejections: list[Rejection] = []
-        pixels = self._pixels_by_label(frame, rejections)
-        found = []
-        for instance in frame.instances:
-            cloud = self._cloud(frame, instance, pixels.pop(instance.label, None), rejections)
-            if cloud is not None:
-                found.append((instance, *cloud))
+        pixels = pixels_by_label(frame.mask)
+        outcomes = [self._seen(frame, i, pixels.pop(i.label, NO_PIXELS)) for i in frame.instances]
+        seen = [outcome for outcome in outcomes if isinstance(outcome, _Seen)]
+        rejections = [outcome for outcome in outcomes if isinstance(outcome, Rejection)]
         rejections += [
             Rejection("label_without_instance", f"mask label {label} has no entry in the instances")
             for label in pixels
         ]
-        codes = self._encode([(instance.category, points) for instance, points, _ in found])
-        observations = [
-            self._observation(frame, instance, code, points, rows_cols)
-            for (instance, points, rows_cols), code in zip(found, codes, strict=True)
-        ]
-        usable = [o for o in observations if _is_sound(o, rejections)]
+        codes = self._encode([(s.instance.category, s.points) for s in seen])
+        observations = [self._observation(frame, s, code) for s, code in zip(seen, codes, strict=True)]
+        rejections += [_unsound(o) for o in observations if not _is_sound(o)]
         return ObservedFrame(
             frame.stamp_ns,
-            tuple(usable),
+            tuple(o for o in observations if _is_sound(o)),
             frame.intrinsics,
             coarse_depth(frame.depth_m, self.params.coarse_width, self.params.coarse_height),
             tuple(rejections),
         )
 
-    def _pixels_by_label(self, frame: RgbdFrame, rejections: list[Rejection]) -> dict[int, np.ndarray]:
-        """Flat pixel indices of every label in the mask."""
-        flat = frame.mask.ravel()
-        labelled = np.flatnonzero(flat)
-        order = labelled[np.argsort(flat[labelled], kind="stable")]
-        labels, starts = np.unique(flat[order], return_index=True)
-        pixels = dict(zip(labels.tolist(), np.split(order, starts[1:]), strict=True)) if len(order) else {}
-        limit = self.params.max_image_share * flat.size
-        for label in [label for label, where in pixels.items() if len(where) > limit or label < 0]:
-            share = len(pixels.pop(label)) / flat.size
-            rejections.append(Rejection("mask_too_large", f"label {label} covers {share:.0%} of the image"))
-            pixels[label] = np.empty(0, dtype=np.int64)
-        return pixels
-
-    def _cloud(
-        self,
-        frame: RgbdFrame,
-        instance: Instance,
-        pixels: np.ndarray | None,
-        rejections: list[Rejection],
-    ) -> tuple[np.ndarray, np.ndarray] | None:
-        """(n, 3) points of an instance in the camera frame and its flat pixel indices, or a rejection."""
-        name = f"instance {instance.label} ({instance.category})"
+    def _seen(self, frame: RgbdFrame, instance: Instance, pixels: np.ndarray) -> "_Seen | Rejection":
+        """What the frame shows of an instance, or why that is of no use."""
+        params, name = self.params, f"instance {instance.label} ({instance.category})"
         if instance.category not in self.embeddings:
             known = ", ".join(self.embeddings)
-            rejections.append(Rejection("unknown_category", f"{name}: no weights; known: {known}"))
-            return None
-        if instance.score < self.params.min_score:
-            rejections.append(Rejection("low_score", f"{name}: score {instance.score:.2f}"))
-            return None
-        if pixels is None:
-            rejections.append(Rejection("empty_mask", f"{name}: no pixel of the mask has this label"))
-            return None
+            return Rejection("unknown_category", f"{name}: no weights; known: {known}")
+        if not instance.score >= params.min_score:  # nor is NaN a score
+            return Rejection("low_score", f"{name}: score {instance.score:.2f}")
         if len(pixels) == 0:
-            return None  # refused for its size
-        points = back_project(frame.depth_m, frame.intrinsics, pixels, self.params.max_range_m)
+            return Rejection("empty_mask", f"{name}: no pixel of the mask has this label")
+        if len(pixels) > params.max_image_share * frame.mask.size:
+            share = len(pixels) / frame.mask.size
+            return Rejection("mask_too_large", f"{name}: covers {share:.0%} of the image")
+        points = back_project(frame.depth_m, frame.intrinsics, pixels, params.max_range_m)
         points = points[core(points)] if len(points) else points
-        if len(points) < self.params.min_points:
-            rejections.append(
-                Rejection("too_few_points", f"{name}: {len(points)} of {len(pixels)} px have a usable depth")
-            )
-            return None
-        return points, pixels
+        if len(points) < params.min_points:
+            detail = f"{name}: {len(points)} of {len(pixels)} px have a usable depth"
+            return Rejection("too_few_points", detail)
+        return _Seen(instance, points, pixels)
 
     def _encode(self, clouds: list[tuple[str, np.ndarray]]) -> list[Code]:
         codes: dict[int, Code] = {}
@@ -125,24 +98,26 @@ class Observer:
             codes |= zip(own, embedding.encode([clouds[i][1] for i in own]), strict=True)
         return [codes[i] for i in range(len(clouds))]
 
-    def _observation(
-        self, frame: RgbdFrame, instance: Instance, code: Code, points: np.ndarray, pixels: np.ndarray
-    ) -> Observation:
-        height, width = frame.mask.shape
-        rows, columns = pixels // width, pixels % width
-        border = bool(
-            rows.min() == 0 or columns.min() == 0 or rows.max() == height - 1 or columns.max() == width - 1
-        )
-        kept = np.linspace(0, len(points) - 1, min(self.params.cloud_points, len(points))).astype(int)
+    def _observation(self, frame: RgbdFrame, seen: "_Seen", code: Code) -> Observation:
+        n = len(seen.points)
+        kept = np.linspace(0, n - 1, min(self.params.cloud_points, n)).astype(int)
         return Observation(
-            instance.label,
-            instance.score,
+            seen.instance.label,
+            seen.instance.score,
             code,
-            points[kept].astype(np.float32),
-            points.mean(axis=0),
-            len(pixels),
-            border,
+            seen.points[kept].astype(np.float32),
+            seen.points.mean(axis=0),
+            len(seen.pixels),
+            _touches_border(seen.pixels, frame.mask.shape),
         )
+
+
+class _Seen(NamedTuple):
+    """A usable instance: its points (n, 3), camera frame, metres, and its mask's flat pixel indices."""
+
+    instance: Instance
+    points: np.ndarray
+    pixels: np.ndarray
 
 
 def check_frame(frame: RgbdFrame) -> None:
@@ -152,6 +127,8 @@ def check_frame(frame: RgbdFrame) -> None:
         raise InputError(
             "size_mismatch", f"depth {depth.shape} and mask {mask.shape} must be images of one size"
         )
+    if not np.issubdtype(depth.dtype, np.floating):
+        raise InputError("depth_type", f"depth has type {depth.dtype}, expected floating point metres")
     if not np.issubdtype(mask.dtype, np.integer):
         raise InputError("mask_type", f"mask has type {mask.dtype}, expected integer labels")
     if depth.shape != (camera.height, camera.width):
@@ -165,6 +142,15 @@ def check_frame(frame: RgbdFrame) -> None:
     labels = [instance.label for instance in frame.instances]
     if len(set(labels)) != len(labels):
         raise InputError("duplicate_label", f"instances repeat a label: {sorted(labels)}")
+
+
+def pixels_by_label(mask: np.ndarray) -> dict[int, np.ndarray]:
+    """Flat pixel indices of every label in the mask but the background."""
+    flat = mask.ravel()
+    labelled = np.flatnonzero(flat)
+    order = labelled[np.argsort(flat[labelled], kind="stable")]
+    labels, starts = np.unique(flat[order], return_index=True)
+    return dict(zip(labels.tolist(), np.split(order, starts[1:]), strict=True)) if len(order) else {}
 
 
 def back_project(
@@ -187,11 +173,24 @@ def coarse_depth(depth_m: np.ndarray, width: int, height: int) -> np.ndarray:
     return np.where(np.isfinite(sampled) & (sampled > 0), sampled, np.float32(0))
 
 
-def _is_sound(observation: Observation, rejections: list[Rejection]) -> bool:
+def _touches_border(pixels: np.ndarray, shape: tuple[int, ...]) -> bool:
+    rows, columns = np.divmod(pixels, shape[1])
+    return bool(
+        rows.min() == 0 or columns.min() == 0 or rows.max() == shape[0] - 1 or columns.max() == shape[1] - 1
+    )
+
+
+def _is_sound(observation: Observation) -> bool:
     """Whether the network's answer can be meant for these points."""
-    code, reach = observation.code, np.linalg.norm(observation.code.center - observation.partial_center)
-    if np.isfinite(code.z).all() and np.isfinite(code.sigmas).all() and reach < 0.5:
-        return True
-    detail = f"instance {observation.label} ({code.category}): centre {reach:.2f} m from its points"
-    rejections.append(Rejection("unsound_code", detail))
-    return False
+    code = observation.code
+    return bool(np.isfinite(code.z).all() and np.isfinite(code.sigmas).all()) and _offset_m(observation) < 0.5
+
+
+def _unsound(observation: Observation) -> Rejection:
+    name = f"instance {observation.label} ({observation.code.category})"
+    detail = f"{name}: centre {_offset_m(observation):.2f} m from its points"
+    return Rejection("unsound_code", detail)
+
+
+def _offset_m(observation: Observation) -> float:
+    return float(np.linalg.norm(observation.code.center - observation.partial_center))

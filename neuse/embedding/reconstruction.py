@@ -1,11 +1,12 @@
 """The full shape of a code: occupancy on a grid, coarse first, then marching cubes (NeuSE eq. 4, v_0)."""
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 import trimesh
 from scipy import ndimage
 from skimage.measure import marching_cubes
-from torch import Tensor
 
 from neuse.embedding.code import Code
 from neuse.embedding.network import UNIT_M, Network
@@ -15,14 +16,17 @@ from neuse.geometry import Array, transform_points
 COARSE_CELLS = 24  # along each side of the first cube
 MAX_CELLS = 160  # along any side of the fine grid
 OUTSIDE = -10.0
+FAST_BF16 = bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())  # matrix units of the processor
+
+Field = Callable[[Array], np.ndarray]  # logits at points of the object frame
 
 
 def reconstruct(network: Network, code: Code, resolution_m: float) -> trimesh.Trimesh:
     """Closed mesh of the decoded shape in the code's frame; see Embedding.reconstruct."""
-    z = torch.from_numpy((code.z - code.center).T[None] / UNIT_M).float()  # (1, 3, k)
-    T_frame_object = code.T_frame_object
-    R = torch.from_numpy(T_frame_object[:3, :3].T / UNIT_M).float()
-    field = _Field(network, z, R)
+
+    def field(points: Array) -> np.ndarray:
+        return decode(network, code, points)
+
     low, high = _occupied_box(field, code)
     shape = np.clip(np.ceil((high - low) / resolution_m).astype(int) + 1, 8, MAX_CELLS)
     logits = _fine_logits(field, low, high, shape)
@@ -30,25 +34,19 @@ def reconstruct(network: Network, code: Code, resolution_m: float) -> trimesh.Tr
     padded = np.pad(logits, 1, constant_values=OUTSIDE)
     vertices, faces, _, _ = marching_cubes(padded, 0.0, gradient_direction="ascent", allow_degenerate=False)
     mesh = trimesh.Trimesh((vertices - 1) * step + low, faces, process=False)
-    mesh.vertices = transform_points(T_frame_object, mesh.vertices)
+    mesh.vertices = transform_points(code.T_frame_object, mesh.vertices)
     return mesh
 
 
-class _Field:
-    """Occupancy logits of one code at points of its object frame, 0 at the threshold."""
-
-    def __init__(self, network: Network, z: Tensor, R: Tensor) -> None:
-        self.network, self.z, self.R = network, z, R
-
-    def __call__(self, points: Array) -> np.ndarray:
-        """(n, 3) metres, object frame -> (n,)."""
-        with torch.inference_mode():
-            x = torch.from_numpy(np.ascontiguousarray(points, dtype=np.float32)) @ self.R
-            logits = self.network.decoder(x[None], self.z)[0] - self.network.occupancy_logit
-        return logits.numpy()
+def decode(network: Network, code: Code, points: Array) -> np.ndarray:
+    """Occupancy logits (n,) of a code at (n, 3) points of its object frame, metres; positive inside."""
+    z = torch.from_numpy((code.z - code.center) @ code.T_frame_object[:3, :3] / UNIT_M).float()
+    x = torch.from_numpy(np.ascontiguousarray(points / UNIT_M, dtype=np.float32))
+    with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=FAST_BF16):
+        return (network.decoder(x[None], z.T[None])[0] - network.occupancy_logit).float().numpy()
 
 
-def _occupied_box(field: _Field, code: Code) -> tuple[Array, Array]:
+def _occupied_box(field: Field, code: Code) -> tuple[Array, Array]:
     """Box of the shape in the object frame, from a coarse cube around the scaled axes."""
     half = 1.4 * max(float(np.linalg.norm(code.axes, axis=0).max()), 0.04)
     points, step = _grid(np.full(3, -half), np.full(3, half), np.full(3, COARSE_CELLS))
@@ -61,7 +59,7 @@ def _occupied_box(field: _Field, code: Code) -> tuple[Array, Array]:
     return occupied.min(axis=0) - 1.2 * step, occupied.max(axis=0) + 1.2 * step
 
 
-def _fine_logits(field: _Field, low: Array, high: Array, shape: np.ndarray) -> np.ndarray:
+def _fine_logits(field: Field, low: Array, high: Array, shape: np.ndarray) -> np.ndarray:
     """Logits on the fine grid: every second point first, all others only near the surface."""
     coarse_shape = (shape + 1) // 2 + 1
     fine, step = _grid(low, high, shape)

@@ -28,9 +28,7 @@ from neuse.embedding.network import Network, save_network
 from neuse.embedding.validation import validate
 from neuse.embedding.views import ViewParams, ensure_shards
 from neuse.params import CheckedParams, param
-from neuse.simulation.shapes import categories
-
-AMBIGUOUS = {"mug": False, "bottle": True}
+from neuse.simulation.shapes import categories, is_ambiguous
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,7 @@ class Trainer:
     def __init__(self, category: str, params: TrainParams, data: Path) -> None:
         self.params, self.category = params, category
         torch.manual_seed(params.seed)
-        ambiguous = AMBIGUOUS[category]
+        ambiguous = is_ambiguous(category)
         self.network = Network(category, ambiguous, EncoderConfig(n_points=params.n_points))
         self.optimizer = torch.optim.AdamW(
             self.network.parameters(),
@@ -205,7 +203,9 @@ def main() -> None:
     parser.add_argument("--compile", action="store_true", help="a third faster after a minute of compiling")
     arguments = parser.parse_args()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # also where a shell started this in the background
+    signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # also where a shell started this in the background
     torch.set_num_threads(arguments.threads)
     arguments.out.mkdir(parents=True, exist_ok=True)
     if arguments.compile:

@@ -109,23 +109,23 @@ def draw_layout(
     shape: Shape, others: Sequence[Shape], rng: np.random.Generator, params: ViewParams
 ) -> Layout:
     """The shape and its clutter, each upright, lying or (the shape alone, at times) in any pose."""
-    T_world_object = _rest(shape, rng, anyhow=0.2)
+    T_world_object = rest(shape, rng, anyhow=0.2)
     solids = [Solid(shape.mesh, T_world_object, 1)]
-    reach = _reach(shape, T_world_object)
+    reach = reach_m(shape, T_world_object)
     for label in range(2, 2 + rng.integers(params.clutter[0], params.clutter[1] + 1)):
         other = others[int(rng.integers(len(others)))]
-        T_world_other = _rest(other, rng, anyhow=0.0)
-        distance = reach + _reach(other, T_world_other) + rng.uniform(0.003, 0.08)
+        T_world_other = rest(other, rng, anyhow=0.0)
+        distance = reach + reach_m(other, T_world_other) + rng.uniform(0.003, 0.08)
         angle = rng.uniform(0, 2 * np.pi)
         T_world_other[:2, 3] = distance * np.array([np.cos(angle), np.sin(angle)])
         solids.append(Solid(other.mesh, T_world_other, label))
     on_table = bool(rng.random() < 0.6)
     return Layout(
-        shape, T_world_object, on_table, RayScene([*solids, *_room(rng, on_table)]), RayScene(solids[:1])
+        shape, T_world_object, on_table, RayScene([*solids, *room(rng, on_table)]), RayScene(solids[:1])
     )
 
 
-def _rest(shape: Shape, rng: np.random.Generator, anyhow: float) -> Array:
+def rest(shape: Shape, rng: np.random.Generator, anyhow: float) -> Array:
     """T_world_object with the axis of the object through the origin and its lowest point on z = 0."""
     choice = rng.random()
     if choice < anyhow:
@@ -138,11 +138,12 @@ def _rest(shape: Shape, rng: np.random.Generator, anyhow: float) -> Array:
     return T
 
 
-def _reach(shape: Shape, T_world_object: Array) -> float:
+def reach_m(shape: Shape, T_world_object: Array) -> float:
+    """Radius about the world's z axis of a shape at its place."""
     return float(np.linalg.norm((shape.mesh.vertices @ T_world_object[:3, :3].T)[:, :2], axis=1).max())
 
 
-def _room(rng: np.random.Generator, on_table: bool) -> list[Solid]:
+def room(rng: np.random.Generator, on_table: bool) -> list[Solid]:
     """Floor and walls, and perhaps a table top: what flying pixels and swollen masks catch."""
     top = trimesh.creation.box([rng.uniform(0.5, 1.5), rng.uniform(0.5, 1.5), 0.03])
     walls = trimesh.creation.box([rng.uniform(3, 12), rng.uniform(3, 12), 3.0])
