@@ -16,7 +16,7 @@ from neuse.simulation.scene import SceneChange, Timeline, TrueObject
 from neuse.simulation.shapes import Shape
 
 MIN_MOVE_M = 0.25
-MAX_SWAP_M = 1.2
+MAX_SWAP_M = 0.8
 
 
 def change_scene(
@@ -71,7 +71,7 @@ class _Director:
         self._apply(ChangeKind.MOVED, before, replace(before, T_world_object=T_world_object))
 
     def swap(self) -> None:
-        """Two objects of a category and a table change places."""
+        """Two objects of one category change places."""
         for first, second in combinations(self._candidates(), 2):
             first_after, second_after = _moved_to(first, second), _moved_to(second, first)
             others = self._others(first, second)
@@ -125,7 +125,7 @@ def _are_rivals(first: TrueObject, second: TrueObject) -> bool:
 
 
 def _moved_to(moved: TrueObject, other: TrueObject) -> TrueObject:
-    """An object where another of the same table is, upright or lying as before."""
+    """An object at the place of another on a table of the same height, upright or lying as before."""
     T_world_object = moved.T_world_object.copy()
     T_world_object[:2, 3] = other.position[:2]
     return replace(moved, T_world_object=T_world_object)

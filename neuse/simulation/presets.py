@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from neuse.geometry import Array
 from neuse.params import CheckedParams, param
 from neuse.records import Intrinsics
 from neuse.simulation.odometry import OdometryNoise, paper_noise, visual_odometry_noise
@@ -17,6 +18,7 @@ CAMERA_HEIGHT_M = 1.2
 LOOK_HEIGHT_M = 0.78
 
 Route = tuple[Waypoint, ...]
+Position = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ def _waypoint(x: float, y: float, look_x: float, look_y: float, look_m: float = 
     return Waypoint(np.array([x, y, CAMERA_HEIGHT_M]), np.array([look_x, look_y, look_m]))
 
 
-def _polar(radius: float, angle_deg: float) -> tuple[float, float]:
+def _polar(radius: float, angle_deg: float) -> Position:
     return radius * np.cos(np.deg2rad(angle_deg)), radius * np.sin(np.deg2rad(angle_deg))
 
 
@@ -74,21 +76,33 @@ def _circle_route(angles_deg: Sequence[float], table_radius: float, standoff_m: 
     return tuple(route)
 
 
-def _along_route(tables: Sequence[Table], standoff_m: float) -> Route:
-    """Past the long sides of tables in a closed order, at a signed distance to the right of the way.
+def _lined_up_tables(centers: Sequence[Position], size_m: tuple[float, float]) -> tuple[Table, ...]:
+    """Tables in a closed order, their long sides along the way."""
+    yaws_rad = [np.arctan2(along[1], along[0]) for along in _ways(centers)]
+    return tuple(Table(center, size_m, float(yaw)) for center, yaw in zip(centers, yaws_rad, strict=True))
 
-    The camera looks at a table until it has passed it, then at the next one, which it nears.
+
+def _along_route(centers: Sequence[Position], standoff_m: float) -> Route:
+    """Past tables in a closed order, at a signed distance to the right of the way.
+
+    The camera looks at a table until it is abreast of it, then turns to the next one, which it nears.
     """
     route = []
-    centers = np.array([table.center for table in tables])
-    neighbours = np.roll(centers, 1, axis=0), centers, np.roll(centers, -1, axis=0)
-    for before, here, after in zip(*neighbours, strict=True):
-        along = (after - before) / np.linalg.norm(after - before)
-        abeam = here + standoff_m * np.array([along[1], -along[0]])
-        route.append(_waypoint(*(abeam - 0.35 * along), *here))
-        route.append(_waypoint(*(abeam + 0.3 * along), *(here + 0.1 * along)))
-        route.append(_waypoint(*(abeam + 0.9 * along), *(0.4 * here + 0.6 * after)))
+    for here, after, along in zip(
+        np.array(centers), np.roll(centers, -1, axis=0), _ways(centers), strict=True
+    ):
+        abreast = here + standoff_m * np.array([along[1], -along[0]])
+        route.append(_waypoint(*(abreast - 0.6 * along), *here))
+        route.append(_waypoint(*(abreast - 0.1 * along), *here))
+        route.append(_waypoint(*(abreast + 0.3 * along), *(0.4 * here + 0.6 * after)))
+        route.append(_waypoint(*(abreast + 1.0 * along), *after))
     return tuple(route)
+
+
+def _ways(centers: Sequence[Position]) -> Array:
+    """(n, 2) unit directions in which a closed way through `centers` passes each of them."""
+    chords = np.roll(centers, -1, axis=0) - np.roll(centers, 1, axis=0)
+    return chords / np.linalg.norm(chords, axis=1, keepdims=True)
 
 
 TRIANGLE = (-90.0, 30.0, 150.0)
@@ -105,19 +119,16 @@ _TABLETOP = WorldPreset(
 )
 
 _RING = ((2, -6), (3.6, -3), (3.6, 0), (3.6, 3), (2, 6), (-2, 6), (-3.6, 3), (-3.6, 0), (-3.6, -3), (-2, -6))
-_RING_YAWS_DEG = (62, 75, 90, 105, 118, 62, 75, 90, 105, 118)
-_TEN_TABLES = tuple(
-    Table(center, (1.2, 0.6), np.deg2rad(yaw)) for center, yaw in zip(_RING, _RING_YAWS_DEG, strict=True)
-)
+_TEN_TABLES = _lined_up_tables(_RING, size_m=(1.2, 0.6))
 _SYNTHETIC_PLANAR = WorldPreset(
     name="synthetic-planar",
     tables=_TEN_TABLES,
-    routes=(_along_route(_TEN_TABLES, -0.7), _along_route(_TEN_TABLES, 0.7)),
+    routes=(_along_route(_RING, -0.65), _along_route(_RING, 0.65)),
     changes=(ChangePlan(traversal=1, added=3, removed=3, moved=1, swapped_pairs=1),),
     objects=50,
     twins=5,
     frames=700,
-    approach_m=1.0,
+    approach_m=0.9,
 )
 
 _REAL_TABLES = (
@@ -133,13 +144,13 @@ _ROUND = (
     _waypoint(1.15, -0.7, 1.15, 0.0),
     _waypoint(2.0, -0.55, 2.7, -0.1),
     _waypoint(2.1, 0.1, 2.6, 1.2),
-    _waypoint(1.9, 0.6, 1.15, 1.6),
+    _waypoint(1.95, 0.6, 1.3, 0.1),
     _waypoint(1.15, 0.7, 1.0, 0.0),
     _waypoint(0.0, 0.72, 0.0, 0.0),
     _waypoint(-1.15, 0.7, -1.15, 0.0),
     _waypoint(-2.0, 0.55, -2.7, 0.1),
     _waypoint(-2.1, -0.1, -2.6, -1.2),
-    _waypoint(-1.9, -0.6, -1.15, -1.6),
+    _waypoint(-1.95, -0.6, -1.3, -0.1),
 )
 _FOUR_ROUND = WorldPreset(
     name="four-round",
@@ -156,25 +167,25 @@ _FOUR_ROUND = WorldPreset(
 _INFINITY_TABLES = (
     Table((-1.35, 0.0), (0.9, 0.6)),
     Table((1.35, 0.0), (0.9, 0.6)),
-    Table((0.0, 1.2), (1.0, 0.5)),
-    Table((0.0, -1.2), (1.0, 0.5)),
+    Table((0.0, 0.95), (1.0, 0.5)),
+    Table((0.0, -0.95), (1.0, 0.5)),
     Table((2.75, 0.0), (1.0, 0.5), np.deg2rad(90.0)),
 )
 _INFINITY = (
-    _waypoint(0.0, -0.1, 0.0, 1.2),
-    _waypoint(0.65, 0.55, 1.2, 0.1),
+    _waypoint(0.0, 0.1, 0.0, 0.95),
+    _waypoint(0.6, 0.55, 1.1, 0.15),
     _waypoint(1.35, 0.75, 1.35, 0.0),
-    _waypoint(2.1, 0.4, 2.7, 0.0),
-    _waypoint(2.2, -0.3, 2.6, -1.6),
+    _waypoint(2.05, 0.4, 2.75, 0.0),
+    _waypoint(2.15, -0.3, 1.6, -0.1),
     _waypoint(1.35, -0.75, 1.35, 0.0),
-    _waypoint(0.65, -0.55, 0.9, 0.1),
-    _waypoint(0.0, 0.1, 0.0, -1.2),
-    _waypoint(-0.65, 0.55, -1.2, 0.1),
+    _waypoint(0.65, -0.55, 0.2, -0.95),
+    _waypoint(0.0, -0.05, 0.0, -0.95),
+    _waypoint(-0.65, 0.55, -0.9, 0.1),
     _waypoint(-1.35, 0.75, -1.35, 0.0),
-    _waypoint(-2.1, 0.4, -3.2, 1.0),
-    _waypoint(-2.15, -0.3, -1.4, 0.0),
-    _waypoint(-1.35, -0.75, -1.35, 0.0),
-    _waypoint(-0.65, -0.55, 0.2, -0.3),
+    _waypoint(-2.1, 0.4, -2.6, -0.6),
+    _waypoint(-2.1, -0.4, -1.35, 0.0),
+    _waypoint(-1.35, -0.75, -1.2, 0.0),
+    _waypoint(-0.65, -0.55, 0.0, 0.95),
 )
 _TRIPLE_INFINITY = WorldPreset(
     name="triple-infinity",

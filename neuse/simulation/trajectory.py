@@ -54,7 +54,8 @@ def closed_trajectory(
         raise ParamError(f"a closed path needs 3 waypoints and 2 frames, got {len(waypoints)} and {frames}")
     knots = np.array([[w.position, w.target] for w in waypoints])  # (m, 2, 3)
     knots = np.concatenate([knots, knots[:1]])
-    stations = _cumulative(np.linalg.norm(np.diff(knots, axis=0), axis=2).max(axis=1))
+    chords_m = np.linalg.norm(np.diff(knots, axis=0), axis=2).max(axis=1)
+    stations = _cumulative(np.sqrt(chords_m))  # centripetal: no overshoot where waypoints are unevenly spaced
     spline = CubicSpline(stations, knots, bc_type="periodic")
     dense = np.linspace(0.0, stations[-1], frames * DENSITY + 1)
     arc = _cumulative(_steps(look_at(*np.moveaxis(spline(dense), 1, 0)), turn_radius_m))

@@ -16,6 +16,7 @@ from neuse.records import Instance, Intrinsics, ObjectChange, OdometrySample, Rg
 from neuse.simulation.camera import DepthCamera
 from neuse.simulation.changes import change_scene
 from neuse.simulation.layout import Decorator, Sight
+from neuse.simulation.meshes import load_meshes
 from neuse.simulation.odometry import drifting_odometry
 from neuse.simulation.population import CATEGORIES, Item, population
 from neuse.simulation.presets import PRESETS, WorldPreset
@@ -83,6 +84,7 @@ def make_world(preset: str | WorldPreset, seed: int, meshes: Path | None = None)
         meshes: folder of meshes that replace the procedural shapes.
     Raises:
         ParamError: an unknown preset, or one whose objects or changes find no room.
+        MeshError: a mesh in the folder cannot be used.
     """
     preset = _preset(preset)
     rng = np.random.default_rng([seed, crc32(preset.name.encode())])
@@ -90,7 +92,7 @@ def make_world(preset: str | WorldPreset, seed: int, meshes: Path | None = None)
     routes = [[_jittered_waypoint(w, preset.jitter_m, rng) for w in route] for route in preset.routes]
     trajectory = closed_trajectory(routes, preset.frames)
     decorator = Decorator(tables, Sight(trajectory, preset.intrinsics), preset.approach_m, rng)
-    own: dict = {}
+    own = {category: load_meshes(meshes, category) for category in CATEGORIES} if meshes else {}
     items = population(preset.objects, preset.twins, preset.lying_share, own, rng)
     initial = _initial_objects(items, preset.objects, decorator)
     timeline = change_scene(initial, preset.changes, items, decorator)
