@@ -1,4 +1,4 @@
-"""Registration of codes: exactness, agreement with scipy, covariances that tell the truth, refusal of bad input."""
+"""Registration of codes: exactness, agreement with scipy, truthful covariances, refusal of bad input."""
 
 from dataclasses import replace
 

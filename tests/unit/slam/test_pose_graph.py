@@ -1,0 +1,177 @@
+"""The graph against gtsam used by hand, and the window against a batch solution."""
+
+import gtsam
+import numpy as np
+import pytest
+
+from neuse.geometry import exp, inverse, log, transform_points
+from neuse.records import Edge, EdgeKind
+from neuse.slam.pose_graph import PoseGraph, SlidingWindow, SolverParams, edge_factor, sighting_factor
+
+SIGMAS = np.array([0.01, 0.02, 0.03, 0.1, 0.2, 0.3])
+
+
+def make_edge(from_id, to_id, T_from_to, sigmas=SIGMAS, object_ids=(0,)):
+    return Edge(from_id, to_id, 0, 1, EdgeKind.SHORT_RANGE, T_from_to, np.diag(sigmas**2), object_ids)
+
+
+def poses_on_a_way(rng, n):
+    poses = [np.eye(4)]
+    for _ in range(n - 1):
+        poses.append(poses[-1] @ exp(np.array([0, 0, 0.1, 0.3, 0, 0]) + 0.02 * rng.normal(size=6)))
+    return poses
+
+
+def noisy_edges(rng, poses, lags):
+    return [
+        make_edge(i - lag, i, inverse(poses[i - lag]) @ poses[i] @ exp(0.1 * SIGMAS * rng.normal(size=6)))
+        for i in range(1, len(poses))
+        for lag in lags
+        if i >= lag
+    ]
+
+
+def batch_solution(edges, starts, params):
+    """All edges at once by Levenberg-Marquardt."""
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    prior = gtsam.noiseModel.Isotropic.Sigma(6, 1e-4)
+    graph.add(gtsam.PriorFactorPose3(gtsam.symbol("x", 0), gtsam.Pose3(starts[0]), prior))
+    for i, T in enumerate(starts):
+        values.insert(gtsam.symbol("x", i), gtsam.Pose3(T))
+    for edge in edges:
+        graph.add(edge_factor(edge, params.huber_sigmas))
+    solution = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
+    return np.stack([solution.atPose3(gtsam.symbol("x", i)).matrix() for i in range(len(starts))])
+
+
+def test_edge_factor_has_no_error_where_the_points_agree():
+    rng = np.random.default_rng(0)
+    T_map_from, T_from_to = exp(rng.normal(size=6)), exp(rng.normal(size=6))
+    values = gtsam.Values()
+    values.insert(gtsam.symbol("x", 3), gtsam.Pose3(T_map_from))
+    values.insert(gtsam.symbol("x", 5), gtsam.Pose3(T_map_from @ T_from_to))
+    assert edge_factor(make_edge(3, 5, T_from_to), None).error(values) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_edge_factor_weighs_perturbations_in_the_frame_of_the_covariance():
+    rng = np.random.default_rng(1)
+    T_map_from, T_from_to, xi = exp(rng.normal(size=6)), exp(rng.normal(size=6)), 1e-3 * rng.normal(size=6)
+    values = gtsam.Values()
+    values.insert(gtsam.symbol("x", 0), gtsam.Pose3(T_map_from))
+    values.insert(gtsam.symbol("x", 1), gtsam.Pose3(T_map_from @ T_from_to @ exp(xi)))
+    error = edge_factor(make_edge(0, 1, T_from_to), None).error(values)
+    assert error == pytest.approx(0.5 * (xi**2 / SIGMAS**2).sum(), rel=1e-2)
+
+
+def test_sighting_factor_weighs_a_small_error_as_its_covariance_says():
+    rng = np.random.default_rng(2)
+    for _ in range(10):
+        T_map_camera, p_camera = exp(rng.normal(size=6)), rng.normal(size=3) + np.array([0, 0, 2])
+        A = 0.01 * rng.normal(size=(3, 3))
+        covariance = A @ A.T + 1e-5 * np.eye(3)
+        error = 1e-4 * rng.normal(size=3)
+        values = gtsam.Values()
+        values.insert(0, gtsam.Pose3(T_map_camera))
+        values.insert(1, transform_points(T_map_camera, p_camera + error))
+        factor = sighting_factor(0, 1, p_camera, covariance, cauchy_sigmas=1e3)
+        assert factor.error(values) == pytest.approx(
+            0.5 * error @ np.linalg.solve(covariance, error), rel=1e-2
+        )
+
+
+def test_sighting_factor_linearises_like_numerical_differences():
+    rng = np.random.default_rng(3)
+    T, p_camera = exp(rng.normal(size=6)), np.array([0.3, -0.2, 1.5])
+    point, values = transform_points(T, p_camera), gtsam.Values()
+    values.insert(0, gtsam.Pose3(T))
+    values.insert(1, point)
+    factor = sighting_factor(0, 1, p_camera, 1e-4 * np.eye(3), cauchy_sigmas=1e6)
+    A, b = factor.linearize(values).jacobian()
+    for column in range(6):
+        moved = gtsam.Values(values)
+        moved.update(0, gtsam.Pose3(T @ exp(1e-6 * np.eye(6)[column])))
+        change = -(factor.linearize(moved).jacobian()[1] - b) / 1e-6
+        np.testing.assert_allclose(A[:, column], change, rtol=1e-3, atol=1e-2)
+
+
+def test_poses_come_back_in_order_of_their_ids():
+    rng = np.random.default_rng(4)
+    poses, graph = poses_on_a_way(rng, 12), PoseGraph()
+    graph.add_origin(0, poses[0])
+    for i, T in enumerate(poses):
+        graph.add_pose(i, T)
+    for edge in noisy_edges(rng, poses, lags=(1,)):
+        graph.add_edge(edge)
+    graph.solve()
+    assert graph.poses().shape == (12, 4, 4)
+    np.testing.assert_allclose(graph.poses(), poses, atol=0.2)
+    np.testing.assert_allclose(
+        graph.poses()[:, :3, :3] @ graph.poses()[:, :3, :3].swapaxes(1, 2),
+        np.tile(np.eye(3), (12, 1, 1)),
+        atol=1e-9,
+    )
+
+
+def test_incremental_solution_equals_the_batch_solution():
+    rng = np.random.default_rng(5)
+    poses, params = poses_on_a_way(rng, 15), SolverParams(relinearize_m_rad=1e-6)
+    edges, graph = noisy_edges(rng, poses, lags=(1, 2, 7)), PoseGraph(params)
+    graph.add_origin(0, poses[0])
+    for i, T in enumerate(poses):
+        graph.add_pose(i, T)
+        for edge in edges:
+            if edge.to_id == i:
+                graph.add_edge(edge)
+        graph.solve(iterations=3)
+    np.testing.assert_allclose(graph.poses(), batch_solution(edges, poses, params), atol=1e-4)
+
+
+def test_landmark_seen_from_two_poses_is_placed_and_ties_them():
+    rng = np.random.default_rng(6)
+    points = rng.uniform(-1, 1, size=(4, 3)) + np.array([0, 0, 2])
+    poses, graph = [np.eye(4), exp([0, 0.1, 0, 0.3, 0, 0])], PoseGraph()
+    graph.add_origin(0, poses[0])
+    graph.add_pose(0, poses[0])
+    graph.add_pose(1, poses[1] @ exp(0.03 * rng.normal(size=6)))
+    for i, T in enumerate(poses):
+        for j, point in enumerate(points):
+            p_camera = transform_points(inverse(T), point)
+            graph.add_sighting(i, j, p_camera, 1e-4 * np.eye(3), point + 0.02)
+    graph.solve(iterations=10)
+    np.testing.assert_allclose(graph.poses()[1], poses[1], atol=1e-4)
+    for j, point in enumerate(points):
+        np.testing.assert_allclose(graph.points()[j], point, atol=1e-3)
+
+
+def test_covariance_of_a_chain_adds_up():
+    graph = PoseGraph()
+    graph.add_origin(0, np.eye(4))
+    for i in range(3):
+        graph.add_pose(i, np.eye(4))
+    for i in (1, 2):
+        graph.add_edge(make_edge(i - 1, i, np.eye(4)), robust=False)
+    graph.solve()
+    np.testing.assert_allclose(np.diag(graph.covariance(2)), 2 * SIGMAS**2, rtol=1e-2)
+
+
+def test_window_that_forgets_nothing_equals_the_batch_solution():
+    rng = np.random.default_rng(7)
+    poses, params = poses_on_a_way(rng, 8), SolverParams()
+    edges, window = noisy_edges(rng, poses, lags=(1, 2, 3)), SlidingWindow(size=8, params=params)
+    for i, T in enumerate(poses):
+        window.add(i, T, [edge for edge in edges if edge.to_id == i])
+    solution = batch_solution(edges, poses, params)
+    for i in range(8):
+        np.testing.assert_allclose(window.pose(i), solution[i], atol=1e-4)
+
+
+def test_window_forgets_poses_but_not_what_they_said():
+    rng = np.random.default_rng(8)
+    poses, params = poses_on_a_way(rng, 20), SolverParams(huber_sigmas=100.0)
+    edges, window = noisy_edges(rng, poses, lags=(1, 2, 3)), SlidingWindow(size=5, params=params)
+    for i, T in enumerate(poses):
+        window.add(i, T, [edge for edge in edges if edge.to_id == i])
+    with pytest.raises(KeyError):
+        window.pose(14)
+    solution = batch_solution(edges, poses, params)
+    assert np.linalg.norm(log(inverse(window.pose(19)) @ solution[19])) < 0.02
