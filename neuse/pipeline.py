@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from neuse.embedding.observe import Observer, ObserverParams
 from neuse.mapping.mapper import MapperParams, ObjectMapper
 from neuse.records import ObjectChange, ObservedFrame, OdometrySample, RgbdFrame, TrackedFrame
+from neuse.slam.feedback import DELAY_S, ChangeFeedback
 from neuse.slam.slam import ObjectSlam, SlamParams
 
 
@@ -17,6 +18,7 @@ class PipelineParams:
     encoder: ObserverParams = field(default_factory=ObserverParams)
     slam: SlamParams = field(default_factory=SlamParams)
     mapper: MapperParams = field(default_factory=MapperParams)
+    feedback_delay_s: float = DELAY_S
 
 
 @dataclass(frozen=True)
@@ -38,17 +40,20 @@ class Pipeline:
         self.slam = ObjectSlam(self.params.slam)
         decoders = {name: embedding.reconstruct for name, embedding in self.observer.embeddings.items()}
         self.mapper = ObjectMapper(decoders, self.params.mapper)
+        self._feedback = ChangeFeedback(self.params.feedback_delay_s)
 
     def step(self, frame: RgbdFrame, odometry: OdometrySample | None = None) -> PipelineResult:
-        """Encode, localise, map; what changed is told to the tracker before the next frame."""
+        """Encode, localise, map; changes reach the tracker with the delay that they have between processes."""
         started = time.perf_counter()
         observed = self.observer.observe(frame)
         encoded = time.perf_counter()
+        for change in self._feedback.due(frame.stamp_ns):
+            self.slam.apply_change(change)
         tracked = self.slam.step(observed, odometry)
         localised = time.perf_counter()
         changes = self.mapper.step(tracked, self.slam.keyframes)
         for change in changes:
-            self.slam.apply_change(change)
+            self._feedback.add(change)
         mapped = time.perf_counter()
         n_objects = max(len(observed.observations), 1)
         stage_ms = {

@@ -1,7 +1,7 @@
 """Point the CMake exports of the ROS message wheels at this interpreter.
 
-The wheels were built in a container: their exported targets name that container's Python and NumPy headers. Run with
-the interpreter of the virtual environment; a second run changes nothing.
+The wheels were built in a container: their exported targets name that container's Python and NumPy headers.
+Run with the interpreter of the virtual environment; a second run changes nothing.
 """
 
 import re

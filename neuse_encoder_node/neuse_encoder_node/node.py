@@ -1,6 +1,7 @@
 """encoder_node: segmented depth images in, latent codes of their objects out."""
 
 import sys
+import time
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -9,6 +10,7 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from neuse.embedding.observe import Observer, ObserverParams
 from neuse.params import param
+from neuse.records import ObservedFrame
 from neuse_encoder_node.conversions import frame_from_msgs, observed_frame_to_msg, stamp_from_msg
 from neuse_encoder_node.stage_node import StageNode, StageParams, reliable, run, sensor
 from neuse_encoder_node.stamps import StampJoin
@@ -55,12 +57,17 @@ class EncoderNode(StageNode):
 
     def process(self, stamp_ns: int, messages: tuple[Any, ...]) -> None:
         frame = frame_from_msgs(*messages)
-        with self.health.timed("observe"):
-            observed = self._observer.observe(frame)
+        started_s = time.perf_counter()
+        observed = self._observer.observe(frame)
+        self._count(stamp_ns, observed, time.perf_counter() - started_s)
+        self._observations.publish(observed_frame_to_msg(observed, messages[0].header.frame_id))
+
+    def _count(self, stamp_ns: int, observed: ObservedFrame, seconds: float) -> None:
+        self.health.add_time("encode", seconds)
+        self.health.add_time("encode_per_object", seconds, max(len(observed.observations), 1))
+        self.health.tally("objects", len(observed.observations))
         for rejection in observed.rejections:
             self.refuse(rejection.reason, f"{rejection.detail} (stamp {stamp_ns} ns)")
-        self.health.tally("objects", len(observed.observations))
-        self._observations.publish(observed_frame_to_msg(observed, messages[0].header.frame_id))
 
     def _receive(self, topic: str, message: Any) -> None:
         stamp_ns = stamp_from_msg(message.header.stamp)

@@ -29,6 +29,7 @@ from neuse_encoder_node.worker import Worker
 
 LOG_PERIOD_S = 5.0
 DRAIN_S = 10.0
+GRACE_S = 0.5
 FLUSH = Duration(seconds=1)
 
 
@@ -260,9 +261,15 @@ def run(make_node: Callable[[], StageNode]) -> int:
 
 
 def _spin(node: StageNode, stop: threading.Event) -> None:
-    """rclpy's own handling of signals would close the context before the last messages are out."""
+    """Spin until stopped, and a little longer: messages that have arrived are still taken.
+
+    rclpy's own handling of signals would close the context before the last messages are out.
+    """
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     while not stop.is_set():
         executor.spin_once(timeout_sec=0.1)
+    end_s = time.monotonic() + GRACE_S
+    while time.monotonic() < end_s:
+        executor.spin_once(timeout_sec=0.05)
     executor.remove_node(node)

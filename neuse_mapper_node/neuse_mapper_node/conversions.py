@@ -4,14 +4,6 @@ from array import array
 
 import numpy as np
 from geometry_msgs.msg import Point, Vector3
-from neuse_encoder_node.conversions import (
-    code_from_msg,
-    code_to_msg,
-    header_to_msg,
-    stamp_from_msg,
-    stamp_to_msg,
-)
-from neuse_slam_node.conversions import pose_to_msg, transform_from_msg
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker as MarkerMsg
@@ -21,8 +13,16 @@ from neuse.errors import InputError
 from neuse.geometry import Array
 from neuse.mapping.markers import Marker, MarkerKind
 from neuse.records import MapObject, ObjectMap, ObjectStatus
+from neuse_encoder_node.conversions import (
+    code_from_msg,
+    code_to_msg,
+    header_to_msg,
+    stamp_from_msg,
+    stamp_to_msg,
+)
 from neuse_msgs.msg import MapObject as MapObjectMsg
 from neuse_msgs.msg import ObjectMap as ObjectMapMsg
+from neuse_slam_node.conversions import pose_to_msg, transform_from_msg
 
 KINDS = {
     MarkerKind.MESH: MarkerMsg.TRIANGLE_LIST,

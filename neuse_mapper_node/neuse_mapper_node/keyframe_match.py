@@ -3,7 +3,6 @@
 from collections import deque
 
 from neuse_encoder_node.conversions import stamp_from_msg
-
 from neuse_msgs.msg import KeyframeArray, TrackedFrame
 
 MAX_ARRAYS = 100
@@ -31,8 +30,8 @@ class KeyframeMatch:
         self._arrays.append(keyframes)
 
     def release(self) -> list[tuple[TrackedFrame, KeyframeArray | None]]:
-        """Frames that need not wait, each with the latest array up to it, None if there was none since the
-        last.""" released = []
+        """Frames that need not wait, each with the latest array up to it, None where that has not changed."""
+        released = []
         while self._frames and self._is_ready(self._frames[0]):
             frame = self._frames.popleft()
             latest = None

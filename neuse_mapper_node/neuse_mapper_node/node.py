@@ -5,10 +5,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from neuse_encoder_node.conversions import stamp_from_msg
-from neuse_encoder_node.stage_node import StageNode, StageParams, latched, reliable, run
-from neuse_encoder_node.stamps import NANOSECONDS
-from neuse_slam_node.conversions import change_to_msg, keyframes_from_msg, tracked_frame_from_msg
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
@@ -19,11 +15,15 @@ from neuse.mapping.mapper import MapperParams, ObjectMapper
 from neuse.mapping.markers import MarkerBoard, map_points
 from neuse.params import param
 from neuse.records import ObjectChange
+from neuse_encoder_node.conversions import stamp_from_msg
+from neuse_encoder_node.stage_node import StageNode, StageParams, latched, reliable, run
+from neuse_encoder_node.stamps import NANOSECONDS
 from neuse_mapper_node import conversions
 from neuse_mapper_node.keyframe_match import KeyframeMatch
 from neuse_msgs.msg import KeyframeArray, ObjectMap, TrackedFrame
 from neuse_msgs.msg import ObjectChange as ObjectChangeMsg
 from neuse_msgs.srv import LoadMap, SaveMap
+from neuse_slam_node.conversions import change_to_msg, keyframes_from_msg, tracked_frame_from_msg
 
 NAME = "mapper_node"
 

@@ -11,16 +11,6 @@ from typing import TypeVar
 import numpy as np
 from geometry_msgs.msg import Point, Pose, PoseStamped, PoseWithCovariance, Quaternion
 from nav_msgs.msg import Odometry, Path
-from neuse_encoder_node.conversions import (
-    header_to_msg,
-    intrinsics_to_msg,
-    observation_from_msg,
-    observation_to_msg,
-    pinhole_from_msg,
-    stamp_from_msg,
-    stamp_to_msg,
-)
-from neuse_encoder_node.images import depth_from_msg, depth_to_msg
 
 from neuse.errors import InputError
 from neuse.geometry import (
@@ -41,6 +31,16 @@ from neuse.records import (
     TrackedFrame,
     TrackedObservation,
 )
+from neuse_encoder_node.conversions import (
+    header_to_msg,
+    intrinsics_to_msg,
+    observation_from_msg,
+    observation_to_msg,
+    pinhole_from_msg,
+    stamp_from_msg,
+    stamp_to_msg,
+)
+from neuse_encoder_node.images import depth_from_msg, depth_to_msg
 from neuse_msgs.msg import Keyframe as KeyframeMsg
 from neuse_msgs.msg import KeyframeArray, PoseGraphEdge, PoseGraphEdgeArray
 from neuse_msgs.msg import ObjectChange as ObjectChangeMsg

@@ -1,11 +1,11 @@
 """TF of the estimate: where the odometry's frame lies in the map (REP 105). Optional: tf2_ros is no wheel."""
 
 from geometry_msgs.msg import Transform, TransformStamped, Vector3
-from neuse_encoder_node.conversions import header_to_msg
 from rclpy.node import Node
 
 from neuse.geometry import Array, inverse
 from neuse.records import TrackedFrame
+from neuse_encoder_node.conversions import header_to_msg
 from neuse_slam_node.conversions import pose_to_msg
 
 try:

@@ -7,9 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from nav_msgs.msg import Odometry, Path
-from neuse_encoder_node.conversions import observed_frame_from_msg, stamp_from_msg
-from neuse_encoder_node.stage_node import StageNode, StageParams, latched, reliable, run, sensor
-from neuse_encoder_node.stamps import NANOSECONDS
 from rclpy.qos import QoSProfile
 
 from neuse.errors import InputError, ParamError
@@ -18,6 +15,9 @@ from neuse.params import param
 from neuse.records import NO_ID, OdometrySample, TrackedFrame
 from neuse.slam.feedback import DELAY_S, ChangeFeedback
 from neuse.slam.slam import ObjectSlam, SlamParams
+from neuse_encoder_node.conversions import observed_frame_from_msg, stamp_from_msg
+from neuse_encoder_node.stage_node import StageNode, StageParams, latched, reliable, run, sensor
+from neuse_encoder_node.stamps import NANOSECONDS
 from neuse_msgs.msg import KeyframeArray, ObjectChange, ObjectObservationArray, PoseGraphEdgeArray
 from neuse_msgs.msg import TrackedFrame as TrackedFrameMsg
 from neuse_slam_node import conversions

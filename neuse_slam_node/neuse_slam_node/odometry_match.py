@@ -4,9 +4,8 @@ from bisect import bisect_left, insort
 from collections import deque
 from typing import Any
 
-from neuse_encoder_node.stamps import NANOSECONDS
-
 from neuse.records import OdometrySample
+from neuse_encoder_node.stamps import NANOSECONDS
 
 
 class OdometryMatch:
