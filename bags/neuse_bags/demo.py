@@ -25,11 +25,9 @@ NODES = {
     "slam_node": "neuse_slam_node",
     "mapper_node": "neuse_mapper_node",
 }
-INPUTS = (*topics.FRAME_TOPICS, topics.ODOMETRY)
-AWAITED = tuple(
-    topic.name for topic in (*INPUTS, topics.OBSERVATIONS, topics.FRAMES, topics.EDGES, topics.MAP)
-)
-END_S = 60.0
+BETWEEN_NODES = (topics.OBSERVATIONS, topics.FRAMES, topics.EDGES, topics.MAP)
+AWAITED = tuple(topic.name for topic in (*topics.FRAME_TOPICS, topics.ODOMETRY, *BETWEEN_NODES))
+START_S, END_S = 180.0, 60.0
 
 
 class Graph:

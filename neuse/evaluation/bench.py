@@ -17,7 +17,7 @@ WARM_UP_FRAMES = 10
 
 
 def stage_times(preset: str, frames: int) -> dict[str, list[float]]:
-    """Milliseconds of each stage, frame by frame; the first frames, which compile and allocate, are left out."""
+    """Milliseconds of each stage, frame by frame, without the first frames, which allocate."""
     pipeline, times_ms = Pipeline(), defaultdict[str, list[float]](list)
     world = make_world(preset, seed=0)
     for index, simulated in enumerate(simulate(world, stop=min(frames, world.frames))):

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from neuse import geometry
 from neuse.evaluation.trajectory import Trajectory
@@ -42,5 +42,5 @@ def summarize_nees(edges: Iterable[Edge], truth: Trajectory, kinds: Iterable[Edg
     known: Array = np.array([value for value in values if value is not None])
     if not len(known):
         return None
-    inside = float(np.mean(known <= chi2.ppf(0.95, DOF)))
+    inside = float(np.mean(known <= chdtri(DOF, 0.05)))
     return Nees(float(known.mean()), float(np.median(known)), inside, len(known))

@@ -19,9 +19,10 @@ from neuse.geometry import Array
 from neuse.records import ObjectStatus
 
 CLUSTER_GAP_M = 0.6
+TRUTH_LINE = {"color": "k", "linestyle": "--", "linewidth": 0.9, "zorder": 3, "label": "ground truth"}
 MAX_CLOSE_UPS = 12
-CLOSE_UP_PX = 720
-OVERVIEW_PX = 1000
+CLOSE_UP_PX = 520
+OVERVIEW_PX = 760
 AZIMUTH_RAD, ELEVATION_RAD = np.deg2rad(-65.0), np.deg2rad(38.0)
 
 
@@ -32,7 +33,7 @@ def trajectory_figure(path: Trajectory, truth: Trajectory | None, ate_m: Array |
     """
     figure, axes = _figure(8, 6.5)
     if truth is not None:
-        axes.plot(*truth.positions[:, :2].T, color="0.6", linestyle="--", linewidth=1.2, label="ground truth")
+        axes.plot(*truth.positions[:, :2].T, **TRUTH_LINE)
     if ate_m is None:
         axes.plot(*path.positions[:, :2].T, color="tab:blue", linewidth=1.5, label="estimate")
     else:

@@ -9,10 +9,10 @@ import trimesh
 from neuse.geometry import Array, make_transform
 from neuse.simulation.camera import NOTHING, RayScene, Solid, look_at
 
-LAMP = np.array([-0.45, -0.35, 0.82])
+LAMP = np.array([-0.45, -0.35, 0.82], dtype=np.float32) / np.float32(np.linalg.norm([-0.45, -0.35, 0.82]))
 AMBIENT = 0.42
 SHADOW = 0.55
-BACKGROUND = np.array([1.0, 1.0, 1.0])
+BACKGROUND = 1.0
 PLANE_COLOR = (1.0, 0.99, 0.97)
 SUPERSAMPLING = 2
 FAR_M = 20.0
@@ -34,14 +34,15 @@ class View:
     size_m: tuple[float, float]
     pixels_per_m: float
 
-    def rays(self) -> tuple[Array, Array]:
-        """(n, 3) origins and directions, row by row, supersampled."""
+    def rays(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n, 3) float32 origins and directions, row by row, supersampled."""
         width, height = self.shape_px[1], self.shape_px[0]
         x = (np.arange(width) + 0.5 - width / 2) * self.size_m[0] / width
         y = (np.arange(height) + 0.5 - height / 2) * self.size_m[1] / height
-        grid = np.stack([*np.meshgrid(x, y), np.zeros((height, width))], axis=-1).reshape(-1, 3)
         R, t = self.T_world_camera[:3, :3], self.T_world_camera[:3, 3]
-        return grid @ R.T + t, np.broadcast_to(R[:, 2], (len(grid), 3))
+        origins = (x[:, None] * R[:, 0])[None] + (y[:, None] * R[:, 1] + t)[:, None]  # (height, width, 3)
+        directions = np.broadcast_to(R[:, 2].astype(np.float32), (height * width, 3))
+        return origins.astype(np.float32).reshape(-1, 3), directions
 
     @property
     def shape_px(self) -> tuple[int, int]:
@@ -87,38 +88,36 @@ def render(meshes: Sequence[ColoredMesh], view: View, plane_z: float | None = No
             (view.shape_px[0] // SUPERSAMPLING, view.shape_px[1] // SUPERSAMPLING, 3), 255, np.uint8
         )
     origins, directions = view.rays()
-    shaded = _shade(RayScene(solids), np.array(colors), origins, directions)
+    shaded = _shade(RayScene(solids), np.array(colors, dtype=np.float32), origins, directions)
     return _downsample(shaded.reshape(*view.shape_px, 3))
 
 
-def _shade(scene: RayScene, colors: Array, origins: Array, directions: Array) -> Array:
+def _shade(scene: RayScene, colors: np.ndarray, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """(n, 3) colours of rays: ambient and Lambert's law, darker where the lamp is hidden."""
-    hits = scene.cast(origins, directions.astype(np.float32))
-    solid = hits["geomID"]
-    hit = np.flatnonzero(solid != NOTHING)
-    normals = _normals(scene, {name: values[hit] for name, values in hits.items()})
-    normals *= -np.sign(np.einsum("ij,ij->i", normals, directions[hit]))[:, None]
-    points = origins[hit] + directions[hit] * hits["tfar"][hit, None] + normals * 1e-3
-    lamp = LAMP / np.linalg.norm(LAMP)
-    light = np.clip(normals @ lamp, 0.0, 1.0) * np.where(_is_hidden(scene, points, lamp), SHADOW, 1.0)
-    pixels = np.broadcast_to(BACKGROUND, (len(origins), 3)).copy()
-    pixels[hit] = colors[solid[hit]] * (AMBIENT + (1 - AMBIENT) * light)[:, None]
+    hits = scene.cast(origins, directions)
+    hit = np.flatnonzero(hits["geomID"] != NOTHING)
+    hits = {name: values[hit] for name, values in hits.items()}
+    normals = _normals(scene, hits)
+    normals *= -np.sign((normals * directions[hit]).sum(axis=1, keepdims=True))
+    points = origins[hit] + directions[hit] * hits["tfar"][:, None] + normals * np.float32(1e-3)
+    light = np.clip(normals @ LAMP, 0.0, 1.0) * np.where(_is_hidden(scene, points), SHADOW, 1.0)
+    pixels = np.full((len(origins), 3), BACKGROUND, dtype=np.float32)
+    pixels[hit] = colors[hits["geomID"]] * (AMBIENT + (1 - AMBIENT) * light)[:, None]
     return pixels
 
 
-def _is_hidden(scene: RayScene, points: Array, lamp: Array) -> np.ndarray:
-    towards = np.broadcast_to(lamp, points.shape).astype(np.float32)
-    return scene.cast(points, towards)["geomID"] != NOTHING
+def _is_hidden(scene: RayScene, points: np.ndarray) -> np.ndarray:
+    """Whether something stands between (n, 3) points and the lamp."""
+    return scene.cast(points, np.broadcast_to(LAMP, points.shape))["geomID"] != NOTHING
 
 
-def _normals(scene: RayScene, hits: dict[str, np.ndarray]) -> Array:
+def _normals(scene: RayScene, hits: dict[str, np.ndarray]) -> np.ndarray:
     """(n, 3) unit normals, interpolated over each face from its corners."""
-    normals = np.zeros((len(hits["geomID"]), 3))
-    for index, solid in enumerate(scene.solids):
-        own = np.flatnonzero(hits["geomID"] == index)
-        corners = solid.mesh.vertex_normals[solid.mesh.faces[hits["primID"][own]]]  # (m, 3, 3)
-        u, v = hits["u"][own], hits["v"][own]
-        normals[own] = np.einsum("mc,mcd->md", np.stack([1 - u - v, u, v], axis=1), corners)
+    corners = np.concatenate([solid.mesh.vertex_normals[solid.mesh.faces] for solid in scene.solids])
+    first_face = np.cumsum([0, *(len(solid.mesh.faces) for solid in scene.solids)])
+    own = corners.astype(np.float32)[first_face[hits["geomID"]] + hits["primID"]]  # (n, 3 corners, 3)
+    u, v = hits["u"][:, None], hits["v"][:, None]
+    normals = (1 - u - v) * own[:, 0] + u * own[:, 1] + v * own[:, 2]
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
 
 
@@ -131,7 +130,7 @@ def _plane(view: View, plane_z: float) -> trimesh.Trimesh:
     return trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]], process=False)
 
 
-def _downsample(pixels: Array) -> np.ndarray:
+def _downsample(pixels: np.ndarray) -> np.ndarray:
     height, width, _ = pixels.shape
     blocks = pixels.reshape(height // SUPERSAMPLING, SUPERSAMPLING, width // SUPERSAMPLING, SUPERSAMPLING, 3)
     return np.rint(np.clip(blocks.mean(axis=(1, 3)), 0.0, 1.0) * 255).astype(np.uint8)
