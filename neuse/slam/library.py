@@ -35,7 +35,7 @@ class LastSighting:
     T_map_camera: Array
 
 
-@dataclass
+@dataclass(eq=False)
 class Track:
     """One object at one place.
 

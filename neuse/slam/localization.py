@@ -8,7 +8,14 @@ from neuse.geometry import Array, adjoint, exp, inverse, log
 from neuse.slam.object_frames import ObjectFrames
 from neuse.slam.registration import jacobian
 
-GRADUATION = (64.0, 8.0, 3.0, 2.0, 2.0, 2.0)  # Cauchy scales in sigmas: from all alike down to the robust answer
+GRADUATION = (
+    64.0,
+    8.0,
+    3.0,
+    2.0,
+    2.0,
+    2.0,
+)  # Cauchy scales in sigmas: from all alike down to the robust answer
 PLACE_VARIANCES = np.array(
     [[0.002**2], [0.005**2], [0.02**2]]
 )  # of known centres (m^2), axes, handles (rad^2)

@@ -2,7 +2,7 @@
 
 A candidate must be alike in shape; the transform to the frame that saw it last maps the observation's partial
 centre there, and the nearest candidate within delta_prox is the match. Unambiguous objects bring their own
-transform, ambiguous ones use that of the matched unambiguous ones, or are tried in pairs.
+transform, ambiguous ones use that of the matched unambiguous ones, or else of the best pair of ambiguous ones.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,10 +23,10 @@ def associate_nearest(view: View, tracks: Sequence[Track], params: AssociationPa
     """Match the observations of a frame one at a time, unambiguous objects first."""
     search = _Search(view, tracks, similarity(view.codes, tracks) >= params.delta_shape, params.delta_prox_m)
     search.match_unambiguous()
+    if search.T_map_camera is None:
+        search.match_pair_of_ambiguous()
     if search.T_map_camera is not None:
-        search.match_ambiguous_by_transform(search.T_map_camera)
-    else:
-        search.match_ambiguous_by_pairs()
+        search.match_ambiguous(search.T_map_camera)
     return Association(tuple(search.matches.get(i) for i in range(len(view))))
 
 
@@ -51,7 +51,7 @@ class _Search:
             tried = [self._hypothesis([(i, track)]) for track in self._candidates(i)]
             self._accept([hypothesis for hypothesis in tried if hypothesis is not None])
 
-    def match_ambiguous_by_transform(self, T_map_camera: Array) -> None:
+    def match_ambiguous(self, T_map_camera: Array) -> None:
         """Every ambiguous observation with the candidate nearest under a known camera pose."""
         for i in np.flatnonzero(self.view.frames.ambiguous).tolist():
             tried = []
@@ -62,12 +62,10 @@ class _Search:
                 )
             self._accept(tried)
 
-    def match_ambiguous_by_pairs(self) -> None:
-        """All pairs of ambiguous observations against all pairs of candidates last seen in one frame."""
+    def match_pair_of_ambiguous(self) -> None:
+        """The best of all pairs of ambiguous observations against all pairs of candidates last seen together."""
         tried = [self._hypothesis(pairs) for pairs in self._candidate_pairs()]
-        found = sorted((h for h in tried if h is not None), key=lambda h: h.distance_m)
-        for hypothesis in found:
-            self._accept([hypothesis])
+        self._accept([hypothesis for hypothesis in tried if hypothesis is not None])
 
     def _candidates(self, i: int) -> list[Track]:
         taken = {track.key for track in self.matches.values()}

@@ -244,14 +244,14 @@ def _spot(i: int, rng: np.random.Generator) -> Array:
 
 def _two_passes() -> list[Array]:
     """Round the outside looking in, then up and down the aisle: every table from two sides, 0.1 m a frame."""
-    camera = [(-2.2, 0), (-2.2, 12.8), (0, 15), (3.4, 15), (5.6, 12.8), (5.6, 0), (3.4, -2.2), (1.9, -2.2)]
-    gaze = [(0, 0), (0, 12.8), (0, 12.8), (3.4, 12.8), (3.4, 12.8), (3.4, 0), (3.4, 0), (0.0, 0.0)]
-    camera += [(2.1, 0), (2.1, 12.8), (1.7, 15.2), (1.3, 12.8), (1.3, 0)]
-    gaze += [(0, 0), (0, 12.8), (1.7, 12.8), (3.4, 12.8), (3.4, 0)]
+    camera = [(-2.3, 0), (-2.3, 12.8), (0, 15), (3.4, 15), (5.7, 12.8), (5.7, 0), (3.4, -2.2), (1.9, -2.2)]
+    gaze = [(0, 0.8), (0, 12.8), (0.5, 12.8), (3.4, 12.8), (3.4, 12), (3.4, 0), (3.4, 0), (0.0, 0.0)]
+    camera += [(2.3, 0), (2.3, 12.8), (1.7, 15.2), (1.1, 12.8), (1.1, 0)]
+    gaze += [(0, 0.8), (0, 12.8), (1.7, 12.8), (3.4, 12), (3.4, 0)]
     corners = np.hstack([np.array(camera, dtype=np.float64), np.array(gaze, dtype=np.float64)])
     rows = _resample(corners, 0.1)
     nearest = np.clip(np.round(rows[:, 3] / 3.2), 0, 4) * 3.2
-    rows[:, 3] += 0.5 * (nearest - rows[:, 3])
+    rows[:, 3] += 0.4 * (nearest - rows[:, 3])
     rows[:, 2:] = _smooth(rows[:, 2:], 11)
     return [look_at(np.array([*row[:2], 1.4]), np.array([*row[2:], 0.75])) for row in rows]
 
