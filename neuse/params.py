@@ -67,5 +67,8 @@ def build(defaults: Params, values: dict[str, Any]) -> Params:
             nested.setdefault(head, {})[tail] = value
         else:
             own[head] = value
-    own |= {head: build(getattr(defaults, head), inner) for head, inner in nested.items()}
+    for head, inner in nested.items():
+        if not dataclasses.is_dataclass(getattr(defaults, head)):
+            raise ParamError(f"unknown parameter {head}.{next(iter(inner))!r}; {head} has no parts")
+        own[head] = build(getattr(defaults, head), inner)
     return dataclasses.replace(defaults, **own)  # type: ignore[type-var]

@@ -48,15 +48,19 @@ def validate(network: Network, views: ViewSet, n_views: int = 1024) -> dict[str,
     predicted = decode_all(network, encoding, batch).numpy() > float(network.occupancy_logit)
     network.train()
     return {
-        "deg_seen": float(np.median(angle[seen])),
-        "deg_seen_p90": float(np.percentile(angle[seen], 90)),
-        "deg_all": float(np.median(angle)),
-        "axis_seen": float(np.median(axis[seen])),
-        "mm_seen": float(np.median(shift_mm[seen])),
-        "mm_all": float(np.median(shift_mm)),
+        "deg_seen": _percentile(angle[seen], 50),
+        "deg_seen_p90": _percentile(angle[seen], 90),
+        "deg_all": _percentile(angle, 50),
+        "axis_seen": _percentile(axis[seen], 50),
+        "mm_seen": _percentile(shift_mm[seen], 50),
+        "mm_all": _percentile(shift_mm, 50),
         "eer": equal_error_rate(encoding.descriptor.numpy(), batch.shape.numpy()),
         "iou": float((predicted & occupied).sum() / (predicted | occupied).sum()),
     }
+
+
+def _percentile(values: np.ndarray, q: float) -> float:
+    return float(np.percentile(values, q)) if len(values) else float("nan")
 
 
 def equal_error_rate(descriptor: np.ndarray, shape: np.ndarray) -> float:
