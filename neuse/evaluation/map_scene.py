@@ -9,7 +9,7 @@ import trimesh
 from neuse.embedding.code import Code
 from neuse.errors import NeuseError
 from neuse.evaluation.render import ColoredMesh
-from neuse.geometry import Array, make_transform, transform_points
+from neuse.geometry import Array, make_transform
 from neuse.records import MapObject, ObjectStatus
 
 Reconstruct = Callable[[Code], trimesh.Trimesh]
@@ -25,9 +25,8 @@ UPRIGHT_RAD = np.deg2rad(25.0)
 
 @dataclass(frozen=True)
 class MapScene:
-    """Map objects with their meshes in the picture's frame, and the cameras' height-up frame itself."""
+    """Map objects with their meshes in the frame of a picture, whose z axis points up."""
 
-    T_picture_map: Array
     objects: tuple[MapObject, ...]
     meshes: tuple[trimesh.Trimesh, ...]
 
@@ -35,10 +34,16 @@ class MapScene:
         """(n, 3) centres of the objects' boxes, picture frame."""
         return np.array([mesh.bounds.mean(axis=0) for mesh in self.meshes]).reshape(-1, 3)
 
+    def tops(self) -> Array:
+        """(n, 3) points above the objects, picture frame."""
+        centers = self.centers()
+        centers[:, 2] = [mesh.bounds[1, 2] for mesh in self.meshes]
+        return centers
+
     def subset(self, keep: Sequence[int]) -> "MapScene":
         """Some of the objects, by index."""
         objects = tuple(self.objects[i] for i in keep)
-        return MapScene(self.T_picture_map, objects, tuple(self.meshes[i] for i in keep))
+        return MapScene(objects, tuple(self.meshes[i] for i in keep))
 
     def colored(self) -> list[ColoredMesh]:
         """Meshes in the colours of their status."""
@@ -62,7 +67,7 @@ class SceneBuilder:
 
     def scene(self, objects: Sequence[MapObject]) -> MapScene:
         """A scene of some objects."""
-        return MapScene(self._T_picture_map, tuple(objects), tuple(self._mesh(item) for item in objects))
+        return MapScene(tuple(objects), tuple(self._mesh(item) for item in objects))
 
     def _mesh(self, item: MapObject) -> trimesh.Trimesh:
         key = item.code.z.tobytes()
@@ -95,11 +100,6 @@ def level_frame(up: Array) -> Array:
     x = np.eye(3)[int(np.argmin(np.abs(up)))]
     x = _unit(x - up * (up @ x))
     return make_transform(np.stack([x, np.cross(up, x), up]), np.zeros(3))
-
-
-def points_in_picture(scene: MapScene, points_map: Array) -> Array:
-    """(n, 3) points of the map frame in the picture's frame."""
-    return transform_points(scene.T_picture_map, points_map)
 
 
 def _unit(v: Array) -> Array:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from io import BytesIO
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +12,7 @@ from matplotlib.patches import Patch
 from scipy.cluster.hierarchy import fcluster, linkage
 
 from neuse.evaluation.map_scene import STATUS_COLORS, MapScene
-from neuse.evaluation.render import render, view_from_above, view_obliquely
+from neuse.evaluation.render import View, render, view_from_above, view_obliquely
 from neuse.evaluation.trajectory import Trajectory
 from neuse.geometry import Array
 from neuse.records import ObjectStatus
@@ -23,7 +22,8 @@ TRUTH_LINE = {"color": "k", "linestyle": "--", "linewidth": 0.9, "zorder": 3, "l
 MAX_CLOSE_UPS = 12
 CLOSE_UP_PX = 520
 OVERVIEW_PX = 760
-AZIMUTH_RAD, ELEVATION_RAD = np.deg2rad(-65.0), np.deg2rad(38.0)
+AZIMUTH_RAD, ELEVATION_RAD = np.deg2rad(-65.0), np.deg2rad(42.0)
+MARGIN_M = 0.08
 
 
 def trajectory_figure(path: Trajectory, truth: Trajectory | None, ate_m: Array | None) -> Figure:
@@ -54,7 +54,8 @@ def map_figure(scene: MapScene, path: Trajectory) -> Figure:
     _draw_overview(figure.add_subplot(grid[:, 0]), scene, path)
     for index, group in enumerate(groups):
         axes = figure.add_subplot(grid[index % rows, 1 + index // rows])
-        _draw_close_up(axes, present.subset(group))
+        members = present.subset(group)
+        _draw_close_up(axes, members, _close_up_view([members]), members.plane_z())
     return figure
 
 
@@ -64,16 +65,14 @@ def change_figure(before: MapScene, after: MapScene, places: Sequence[Array], ti
     places: (3,) points, picture frame, that both pictures must show.
     """
     figure = _canvas(Figure(figsize=(10, 4.2), layout="constrained"))
-    for axes, scene, name in zip(figure.subplots(1, 2), (before, after), ("before", "after"), strict=True):
-        _draw_close_up(axes, _near(_present(scene), places), extra=np.array(places))
+    scenes = [_near(_present(scene), places) for scene in (before, after)]
+    view = _close_up_view(scenes, places)
+    plane_z = min((scene.plane_z() for scene in scenes if scene.meshes), default=None)
+    for axes, scene, name in zip(figure.subplots(1, 2), scenes, ("before", "after"), strict=True):
+        _draw_close_up(axes, scene, view, plane_z)
         axes.set_title(name)
     figure.suptitle(title)
     return figure
-
-
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG."""
-    path.write_bytes(png(figure))
 
 
 def png(figure: Figure) -> bytes:
@@ -108,12 +107,16 @@ def _label_object(axes: Axes, object_id: int, center: Array, removed: bool) -> N
     axes.annotate(str(object_id), center[:2], xytext=(5, 5), textcoords="offset points", fontsize=7)
 
 
-def _draw_close_up(axes: Axes, scene: MapScene, extra: Array | None = None) -> None:
-    """A group of objects from the side and above; `extra` points widen the view."""
-    corners = [mesh.bounds for mesh in scene.meshes] + ([extra] if extra is not None else [])
-    points = np.concatenate(corners)
-    view = view_obliquely(points, AZIMUTH_RAD, ELEVATION_RAD, 0.08, CLOSE_UP_PX)
-    axes.imshow(render(scene.colored(), view, scene.plane_z() if scene.meshes else None))
+def _close_up_view(scenes: Sequence[MapScene], places: Sequence[Array] = ()) -> View:
+    """From the side and above, so that all objects and places fill the picture."""
+    points = [mesh.bounds for scene in scenes for mesh in scene.meshes] + [np.reshape(places, (-1, 3))]
+    return view_obliquely(np.concatenate(points), AZIMUTH_RAD, ELEVATION_RAD, MARGIN_M, CLOSE_UP_PX)
+
+
+def _draw_close_up(axes: Axes, scene: MapScene, view: View, plane_z: float | None) -> None:
+    axes.imshow(render(scene.colored(), view, plane_z))
+    for item, pixel in zip(scene.objects, view.project(scene.tops()), strict=True):
+        axes.annotate(str(item.object_id), pixel, xytext=(0, 3), textcoords="offset points", fontsize=8)
     axes.set_axis_off()
 
 

@@ -44,6 +44,12 @@ class View:
         directions = np.broadcast_to(R[:, 2].astype(np.float32), (height * width, 3))
         return origins.astype(np.float32).reshape(-1, 3), directions
 
+    def project(self, points: Array) -> Array:
+        """(n, 2) pixels, column and row, of (n, 3) points in the finished picture."""
+        in_camera = (points - self.T_world_camera[:3, 3]) @ self.T_world_camera[:3, :2]
+        shape = np.array(self.shape_px[::-1]) / SUPERSAMPLING
+        return (in_camera / np.array(self.size_m) + 0.5) * shape - 0.5
+
     @property
     def shape_px(self) -> tuple[int, int]:
         """(height, width) of the supersampled picture."""
