@@ -108,7 +108,7 @@ FAMILIES: dict[str, Family] = {
         ((0.6, 0.8), (0, 0), EDGE), ((1.1, 1.2), (0.15, 0.3), SMOOTH), ((0.45, 0.6), (0.45, 0.55), SMOOTH),
         ((0.75, 0.9), (0.65, 0.75), SMOOTH), ((0.3, 0.45), (0.85, 0.88), SOFT), *_cap(0.9, (0.32, 0.48)),
     )),
-    "conical": Family((0.1, 0.26), (0.17, 0.32), (
+    "cone": Family((0.1, 0.26), (0.17, 0.32), (
         ((0.95, 1), (0, 0), EDGE), ((0.9, 1), (0.06, 0.12), EDGE), ((0.25, 0.4), (0.72, 0.82), SOFT),
         ((0.25, 0.36), (0.93, 0.93), TIGHT), *_cap(0.94, (0.3, 0.42)),
     )),
@@ -118,7 +118,7 @@ FAMILIES: dict[str, Family] = {
     )),
 }  # fmt: skip
 
-HELD_OUT = ("gourd", "conical", "amphora")
+HELD_OUT = ("gourd", "cone", "amphora")
 
 
 def sample_bottle(rng: np.random.Generator, held_out: bool = False) -> tuple[str, trimesh.Trimesh]:
@@ -168,7 +168,8 @@ def _aspect(profile: Array, body_aspect: float) -> Array:
 
 def _nozzle(profile: Array, rng: np.random.Generator) -> tuple[Array, Array]:
     """Path and half sizes of a small spout to one side of a pump's head."""
-    cap, z = profile[-1]
-    half, length = 0.4 * PUMP_HEAD * z, rng.uniform(1.5, 2.6) * cap
+    z = profile[-1, 1]
+    head = profile[profile[:, 1] > (1 - PUMP_HEAD) * z, 0].max()
+    half, length = 0.4 * PUMP_HEAD * z, rng.uniform(1.6, 2.6) * head
     middle = z - 1.25 * half
-    return np.array([[0.0, middle], [length, middle]]), np.array([half, min(1.5 * half, 0.6 * cap)])
+    return np.array([[0.0, middle], [length, middle]]), np.array([half, min(1.5 * half, 0.6 * head)])

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import trimesh
+from numpy.typing import ArrayLike
 from scipy.optimize import OptimizeResult, least_squares
 from scipy.spatial.transform import Rotation
 
@@ -20,9 +21,9 @@ TANGENTIAL_SCALE = 0.1  # of a normal's tangential part, beyond which a point is
 def canonical_frame(mesh: trimesh.Trimesh, category: str) -> Array:
     """T_object_mesh of a closed mesh, in the object frame of `neuse.simulation.shapes.Shape`.
 
-    The axis is the one about which the surface is most nearly one of revolution. Its upper end is where a mug's
-    cavity opens, or the narrower end of a bottle. x points to where the surface stands out of the body; for a
-    bottle, which is much the same all around, it points anywhere.
+    The axis is the one about which the surface is most nearly one of revolution. Its upper end is where the
+    cavity of a mug opens, or the narrower end of a bottle. x points to where the surface stands out of the
+    body; for a bottle, which is much the same all around, it points anywhere.
     """
     points, normals = _sample(mesh)
     T_object_mesh = _axis_frame(points, normals)
@@ -54,21 +55,25 @@ def _turn_about_z(angle_rad: float) -> Array:
 def _axis_frame(points: Array, normals: Array) -> Array:
     """T_frame_mesh whose z axis is the best axis of revolution of points (n, 3) with normals (n, 3).
 
-    All normals of a surface of revolution meet its axis, so that they have no part along the parallel circles.
+    All normals of a surface of revolution meet its axis, so that they have no part along its circles.
     """
     center, size = points.mean(axis=0), float(np.linalg.norm(np.ptp(points, axis=0)))
     inertia_axes = np.linalg.eigh(np.cov(points.T))[1].T
     starts = np.vstack([inertia_axes, np.eye(3), np.random.default_rng(0).normal(size=(N_STARTS, 3))])
-    rotations = [Rotation.align_vectors([0, 0, 1], start)[0].as_matrix() for start in starts]
+    rotations = [_rotation_to_z(start) for start in starts]
     data = [((points - center) @ R.T / size, normals @ R.T) for R in rotations]
     costs = [np.minimum(np.abs(_tangential(np.zeros(4), *d)), 3 * TANGENTIAL_SCALE).sum() for d in data]
     tried = np.argsort(costs)[:N_REFINED]
     fits = [_fit_axis(*data[i]) for i in tried]
     best = int(np.argmin([fit.cost for fit in fits]))
     slope, foot = fits[best].x[:2], fits[best].x[2:]
-    R_frame_start = Rotation.align_vectors([0, 0, 1], [*slope, 1])[0].as_matrix()
+    R_frame_start = _rotation_to_z([*slope, 1])
     R_frame_mesh = R_frame_start @ rotations[tried[best]]
     return make_transform(R_frame_mesh, -R_frame_mesh @ center - R_frame_start @ [*(size * foot), 0])
+
+
+def _rotation_to_z(direction: ArrayLike) -> Array:
+    return Rotation.align_vectors([0, 0, 1], direction)[0].as_matrix()
 
 
 def _fit_axis(points: Array, normals: Array) -> OptimizeResult:
@@ -83,7 +88,9 @@ def _tangential(axis: Array, points: Array, normals: Array) -> Array:
 
     axis: (4,) slopes of the axis along x and y, and x and y of its foot in the plane z = 0.
     """
-    circles = np.cross([*axis[:2], 1.0], points - [*axis[2:], 0.0])
+    slope_x, slope_y, foot_x, foot_y = axis
+    x, y, z = points[:, 0] - foot_x, points[:, 1] - foot_y, points[:, 2]
+    circles = np.stack([slope_y * z - y, x - slope_x * z, slope_x * y - slope_y * x], axis=1)
     return (normals * circles).sum(axis=1) / np.maximum(np.linalg.norm(circles, axis=1), 1e-9)
 
 

@@ -1,7 +1,6 @@
 """How objects stand and lie on a table: T_table_object, where z = 0 is the table and z points up."""
 
 from functools import lru_cache
-from typing import Literal
 
 import manifold3d
 import numpy as np
@@ -13,19 +12,17 @@ from neuse.errors import DegenerateGeometryError, InputError
 from neuse.geometry import Array, make_transform
 from neuse.simulation.shapes import Shape
 
-Kind = Literal["upright", "lying"]
-
 LYING_TILT_RAD = np.radians([30.0, 150.0])  # beyond it an object stands, on its bottom or on its head
 
 
-def stable_poses(shape: Shape, rng: np.random.Generator) -> list[tuple[Array, Kind]]:
+def stable_poses(shape: Shape, rng: np.random.Generator) -> list[tuple[Array, str]]:
     """Poses T_table_object at rest: upright first, then lying in random order, each at random yaw.
 
     Lying: on a facet of the convex hull that has the centre of mass above it. The shape's origin is above the
     table's.
     """
     lying = rng.permutation(_lying_rotations(shape))
-    kinds: list[Kind] = ["upright", *("lying" for _ in lying)]
+    kinds = ["upright", *["lying"] * len(lying)]
     yaws = rng.uniform(-np.pi, np.pi, size=len(kinds))
     poses = [_rest(shape, R, yaw, (0.0, 0.0)) for R, yaw in zip([np.eye(3), *lying], yaws, strict=True)]
     return list(zip(poses, kinds, strict=True))

@@ -60,7 +60,7 @@ def sample_shape(category: str, rng: np.random.Generator, split: str = "train") 
 
     Every split has the common families; a quarter of the shapes for "validation" and "test" come from those
     that "train" never shows: bodies `stepped` and `octagonal` and handles `hook` and `triangle` for mugs,
-    `gourd`, `conical` and `amphora` for bottles.
+    `gourd`, `cone` and `amphora` for bottles.
 
     Raises:
         InputError: an unknown category or split.

@@ -1,0 +1,56 @@
+"""Canonical frames of meshes in any orientation, against the frame in which they were made."""
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from neuse.geometry import Array, make_transform, rotation_angle
+from neuse.simulation.canonical import canonical_frame
+from neuse.simulation.shapes import sample_shape
+
+N_SEEDS = 24
+Y_UP = make_transform(Rotation.from_euler("x", -90, degrees=True).as_matrix(), np.zeros(3))
+
+
+def frame_error(category: str, seed: int, T_mesh_object: Array) -> Array:
+    """T from the true object frame to the one that was found."""
+    mesh = sample_shape(category, np.random.default_rng(seed), "test").mesh.copy()
+    return canonical_frame(mesh.apply_transform(T_mesh_object), category) @ T_mesh_object
+
+
+def random_transform(seed: int) -> Array:
+    rng = np.random.default_rng(seed)
+    return make_transform(Rotation.random(random_state=seed).as_matrix(), rng.normal(size=3))
+
+
+def test_mugs_in_any_orientation_get_their_frame() -> None:
+    errors = [frame_error("mug", seed, random_transform(seed)) for seed in range(N_SEEDS)]
+    right = [rotation_angle(T[:3, :3]) < np.radians(2) and np.linalg.norm(T[:3, 3]) < 1e-3 for T in errors]
+    assert np.mean(right) >= 0.95
+
+
+def test_bottles_in_any_orientation_get_their_axis_and_their_neck_up() -> None:
+    errors = [frame_error("bottle", seed, random_transform(seed)) for seed in range(N_SEEDS)]
+    right = [T[2, 2] > np.cos(np.radians(2)) and np.linalg.norm(T[:3, 3]) < 2e-3 for T in errors]
+    assert np.mean(right) >= 0.95
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_mug_with_y_up_gets_its_frame(seed: int) -> None:
+    assert rotation_angle(frame_error("mug", seed, Y_UP)[:3, :3]) < np.radians(2)
+
+
+def test_size_and_place_of_the_mesh_do_not_matter() -> None:
+    mesh = sample_shape("mug", np.random.default_rng(2)).mesh
+    large = mesh.copy().apply_scale(10.0).apply_translation([5, -3, 1])
+    R_small, R_large = (canonical_frame(m, "mug")[:3, :3] for m in (mesh, large))
+    assert rotation_angle(R_small @ R_large.T) < np.radians(0.5)
+
+
+def test_cylinder_gets_its_axis_and_its_middle() -> None:
+    cylinder = trimesh.creation.cylinder(radius=0.03, height=0.2, sections=48)
+    cylinder.apply_translation([0.1, 0.2, 0.3])
+    T_object_mesh = canonical_frame(cylinder, "bottle")
+    assert abs(T_object_mesh[2, 2]) == pytest.approx(1, abs=1e-5)
+    np.testing.assert_allclose(T_object_mesh @ [0.1, 0.2, 0.3, 1], [0, 0, 0, 1], atol=2e-4)
