@@ -54,7 +54,7 @@ bench: setup
 	$(IN_ENV) python -m neuse.evaluation.bench --out $(OUT)/bench
 
 train: setup
-	$(IN_ENV) python -m neuse.embedding.train
+	$(IN_ENV) python -m neuse.embedding.train --compile --install --resume
 
 clean:  ## removes what colcon built and what runs wrote; keeps .venv and data
 	rm -rf build install log $(OUT)

@@ -63,6 +63,7 @@ def save_network(network: Network, path: Path, card: dict[str, object]) -> None:
     }
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()}
     save_file(tensors, path, metadata)
+    path.chmod(0o644)
 
 
 def load_network(path: Path, category: str | None = None) -> Network:

@@ -9,10 +9,12 @@ stopped goes on from its checkpoint (`--resume`) exactly as if it had not been.
 import argparse
 import json
 import math
+import shutil
 import signal
 import subprocess
+import sys
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +24,7 @@ from tqdm import tqdm
 
 from neuse.embedding.calibration import calibrate
 from neuse.embedding.dataset import Batch, ViewSet
+from neuse.embedding.embedding import WEIGHTS
 from neuse.embedding.encoder import EncoderConfig, FrameBlock
 from neuse.embedding.losses import encoding_losses, occupancy_loss
 from neuse.embedding.network import Network, save_network
@@ -35,7 +38,7 @@ from neuse.simulation.shapes import categories, is_ambiguous
 class TrainParams(CheckedParams):
     """One training run."""
 
-    steps: int = param(27000, "batches", 1)
+    steps: int = param(6500, "batches", 1)
     shapes_per_batch: int = param(8, "N of the paper", 2)
     views_per_shape: int = param(8, "M of the paper", 2)
     n_points: int = param(512, "points of a view", 32)
@@ -161,6 +164,11 @@ class Trainer:
         }
 
 
+def checkpoint_params(path: Path) -> TrainParams:
+    """The parameters of the run that a checkpoint belongs to."""
+    return TrainParams(**torch.load(path, weights_only=True)["params"])
+
+
 def run(trainer: Trainer, checkpoint: Path, weights: Path, every: int = 500) -> None:
     """Train to the last step, validating and saving on the way; Ctrl-C saves and stops."""
     progress = tqdm(total=trainer.params.steps, initial=trainer.step, desc=trainer.category, unit="step")
@@ -189,33 +197,54 @@ def run(trainer: Trainer, checkpoint: Path, weights: Path, every: int = 500) -> 
 
 def main() -> None:
     """Command line."""
+    arguments = _arguments()
+    if arguments.category is None:
+        sys.exit(_train_all())
+    for stop in (signal.SIGTERM, signal.SIGINT):  # a shell's background processes would ignore SIGINT
+        signal.signal(stop, signal.default_int_handler)
+    torch.set_num_threads(arguments.threads)
+    if arguments.compile:
+        FrameBlock.forward = torch.compile(FrameBlock.forward)  # type: ignore[method-assign]
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    checkpoint = arguments.out / f"{arguments.category}.ckpt"
+    weights = arguments.out / f"{arguments.category}.safetensors"
+    resumed = arguments.resume and checkpoint.exists()
+    params = checkpoint_params(checkpoint) if resumed else TrainParams()
+    given = {name: getattr(arguments, name) for name in ("steps", "shards", "seed")}
+    params = replace(params, **{name: value for name, value in given.items() if value is not None})
+    trainer = Trainer(arguments.category, params, arguments.data)
+    if resumed:
+        trainer.load_checkpoint(checkpoint)
+    run(trainer, checkpoint, weights)
+    if arguments.install and trainer.step == params.steps:
+        shutil.copyfile(weights, WEIGHTS / weights.name)
+
+
+def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--category", required=True, choices=categories())
-    parser.add_argument("--steps", type=int, default=TrainParams().steps)
-    parser.add_argument("--shards", type=int, default=TrainParams().shards)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--data", type=Path, default=Path("data"), help="folder of generated views")
-    parser.add_argument("--out", type=Path, default=Path("checkpoints"))
+    parser.add_argument("--category", choices=categories(), help="left out: all, one process each")
+    parser.add_argument("--steps", type=int, help=f"batches ({TrainParams().steps})")
+    parser.add_argument("--shards", type=int, help=f"training shards of 25 shapes ({TrainParams().shards})")
+    parser.add_argument("--seed", type=int, help="of weights and batches (0)")
+    parser.add_argument("--data", type=Path, default=Path("data"), help="folder of generated views (data)")
+    parser.add_argument("--out", type=Path, default=Path("checkpoints"), help="folder (checkpoints)")
+    parser.add_argument("--install", action="store_true", help="put finished weights into the library")
     parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
-    parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--compile", action="store_true", help="a third faster after a minute of compiling")
-    arguments = parser.parse_args()
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    signal.signal(
-        signal.SIGINT, signal.default_int_handler
-    )  # also where a shell started this in the background
-    torch.set_num_threads(arguments.threads)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    if arguments.compile:
-        FrameBlock.forward = torch.compile(FrameBlock.forward)  # type: ignore[method-assign]
-    params = TrainParams(steps=arguments.steps, shards=arguments.shards, seed=arguments.seed)
-    trainer = Trainer(arguments.category, params, arguments.data)
-    checkpoint = arguments.out / f"{arguments.category}.ckpt"
-    if arguments.resume and checkpoint.exists():
-        trainer.load_checkpoint(checkpoint)
-    run(trainer, checkpoint, arguments.out / f"{arguments.category}.safetensors")
+    parser.add_argument("--threads", type=int, default=1, help="of torch (1)")
+    parser.add_argument("--compile", action="store_true", help="a sixth faster, after a minute of compiling")
+    return parser.parse_args()
+
+
+def _train_all() -> int:
+    """Every category in a process of its own; the largest exit code."""
+    command = [sys.executable, "-m", "neuse.embedding.train", *sys.argv[1:]]
+    processes = [subprocess.Popen([*command, "--category", category]) for category in categories()]
+    try:
+        return max(process.wait() for process in processes)
+    except KeyboardInterrupt:
+        return max(process.wait() for process in processes)  # Ctrl-C has reached them too; they save
 
 
 if __name__ == "__main__":
