@@ -29,6 +29,14 @@ def inverse(T: Array) -> Array:
     return inverted
 
 
+def renormalized(T: Array) -> Array:
+    """T with its rotation made orthonormal again after many products, which else may drift apart exponentially."""
+    renormal = T.copy()
+    R = T[:3, :3]
+    renormal[:3, :3] = R @ (1.5 * np.eye(3) - 0.5 * R.T @ R)  # Newton's step towards the nearest rotation
+    return renormal
+
+
 def transform_points(T: Array, points: ArrayLike) -> Array:
     """p_target = T_target_source @ p_source for points of shape (n, 3) or (3,)."""
     return np.asarray(points, dtype=np.float64) @ T[:3, :3].T + T[:3, 3]

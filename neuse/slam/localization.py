@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuse.geometry import Array, adjoint, exp, inverse, log
+from neuse.geometry import Array, adjoint, exp, inverse, log, renormalized
 from neuse.slam.object_frames import ObjectFrames
 from neuse.slam.registration import jacobian
 
@@ -31,7 +31,7 @@ class Belief:
     def moved(self, T_camera_next: Array, covariance: Array) -> "Belief":
         """The belief after a motion p_camera = T_camera_next @ p_next with its own covariance."""
         A = adjoint(inverse(T_camera_next))
-        return Belief(self.T_map_camera @ T_camera_next, A @ self.covariance @ A.T + covariance)
+        return Belief(renormalized(self.T_map_camera @ T_camera_next), A @ self.covariance @ A.T + covariance)
 
 
 def localize(seen: ObjectFrames, places: Array, prior: Belief, start: Array | None = None) -> Belief:
@@ -54,7 +54,7 @@ def localize(seen: ObjectFrames, places: Array, prior: Belief, start: Array | No
         H = weighted.T @ J + information
         step = -np.linalg.solve(H, weighted.T @ differences.ravel() + information @ off_prior)
         T_map_camera, off_prior = T_map_camera @ exp(step), off_prior + step
-    return Belief(T_map_camera, np.linalg.inv(H))
+    return Belief(renormalized(T_map_camera), np.linalg.inv(H))
 
 
 def to_camera(T_map_camera: Array, places: Array) -> Array:

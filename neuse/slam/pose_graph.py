@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from neuse.geometry import Array
+from neuse.geometry import Array, renormalized
 from neuse.params import CheckedParams, param
 from neuse.records import Edge
 
@@ -50,7 +50,7 @@ class PoseGraph:
 
     def add_pose(self, keyframe_id: int, T_map_camera: Array) -> None:
         """A new keyframe with its start value."""
-        self._new_values.insert(_pose_key(keyframe_id), gtsam.Pose3(T_map_camera))
+        self._new_values.insert(_pose_key(keyframe_id), gtsam.Pose3(renormalized(T_map_camera)))
 
     def add_edge(self, edge: Edge, robust: bool = True) -> None:
         """A relative pose between two keyframes."""
@@ -111,7 +111,7 @@ class SlidingWindow:
         """A new keyframe with its start value and its edges into the window; ids count up by one."""
         factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         key = _pose_key(keyframe_id)
-        values.insert(key, gtsam.Pose3(T_window_camera))
+        values.insert(key, gtsam.Pose3(renormalized(T_window_camera)))
         if not self._poses:
             noise = gtsam.noiseModel.Isotropic.Sigma(6, ORIGIN_SIGMA)
             factors.add(gtsam.PriorFactorPose3(key, gtsam.Pose3(T_window_camera), noise))

@@ -1,0 +1,127 @@
+"""What the graph is given, in both modes."""
+
+import numpy as np
+import pytest
+
+from neuse.geometry import exp, inverse
+from neuse.records import Edge, EdgeKind
+from neuse.slam.backends import LEVER_M, EdgeBackend, LandmarkBackend, lever_points
+from neuse.slam.keyframes import KeyframeRecord
+from neuse.slam.object_frames import SigmaParams, reduce_codes
+from neuse.slam.pose_graph import SolverParams
+
+from .synthetic import make_code, make_thing
+from .test_association import scene_of
+
+SIGMAS = np.array([0.02, 0.03, 0.05, 0.001, 0.002, 0.003])
+HIDDEN = np.array([0.02, 0.03, 1.5, 0.001, 0.002, 0.003])
+POSES = [exp([0, 0.02 * i, 0, 0.05 * i, 0, 0]) for i in range(6)]
+
+
+@pytest.fixture
+def scene():
+    rng = np.random.default_rng(0)
+    spots = np.array([[-0.3, 0.1, 1.2], [0.25, -0.05, 1.3], [0.0, 0.2, 1.7]])
+    return scene_of([make_thing(i, i == 1, spot, rng) for i, spot in enumerate(spots)])
+
+
+def record(scene, i, sigmas=SIGMAS):
+    codes = [make_code(thing, inverse(POSES[i]) @ thing.T_world_object, sigmas) for thing in scene.things]
+    return KeyframeRecord(i, i, np.arange(len(codes)), reduce_codes(codes), None)
+
+
+def tie(i, sigma=0.05):
+    covariance = np.diag([0.02**2] * 3 + [sigma**2] * 3)
+    T = inverse(POSES[i - 1]) @ POSES[i]
+    return Edge(i - 1, i, i - 1, i, EdgeKind.SHORT_RANGE, T, covariance, (0, 1))
+
+
+def odometry(i):
+    T = tie(i).T_from_to @ exp([0, 0, 0, 0.03, -0.04, 0.02])
+    return Edge(i - 1, i, i - 1, i, EdgeKind.ODOMETRY, T, np.diag([0.003**2] * 3 + [0.05**2] * 3))
+
+
+def run(backend, scene, edges_of, wrong=0.02):
+    poses = np.zeros((0, 4, 4))
+    for i, T in enumerate(POSES):
+        start = T @ exp([0, 0, 0, wrong * (i > 0), 0, 0])
+        seen = record(scene, i)
+        backend.add_keyframe(seen, start, edges_of(i) if i else [], [])
+        backend.add_sightings(seen, scene.tracks)
+        poses = backend.solve(loop_closed=False)
+        backend.place_all(scene.tracks)
+    return poses
+
+
+def test_landmarks_correct_odometry(scene):
+    poses = run(LandmarkBackend(SolverParams()), scene, lambda i: [odometry(i)])
+    np.testing.assert_allclose(poses, POSES, atol=3e-3)
+    for track, thing in zip(scene.tracks, scene.things, strict=True):
+        np.testing.assert_allclose(track.place[0], thing.T_world_object[:3, 3], atol=3e-3)
+        assert track.anchored
+
+
+def test_landmarks_do_not_use_edges_from_codes(scene):
+    """An absurd edge does no harm."""
+    absurd = Edge(0, 1, 0, 1, EdgeKind.SHORT_RANGE, exp([1, 0, 0, 9, 9, 9]), 1e-9 * np.eye(6), (0,))
+    poses = run(LandmarkBackend(SolverParams()), scene, lambda i: [odometry(i), absurd])
+    np.testing.assert_allclose(poses, POSES, atol=3e-3)
+
+
+def test_edges_correct_odometry(scene):
+    poses = run(EdgeBackend(SolverParams(), window=4), scene, lambda i: [odometry(i), tie(i, sigma=0.002)])
+    np.testing.assert_allclose(poses, POSES, atol=3e-3)
+
+
+def test_places_in_edge_mode_are_averages_over_keyframes(scene):
+    for track in scene.tracks:
+        track.place = track.place + np.array([[0.5, 0, 0], [0, 0, 0], [0, 0, 0]])
+    run(EdgeBackend(SolverParams(), window=4), scene, lambda i: [tie(i)], wrong=0.0)
+    for track, thing in zip(scene.tracks, scene.things, strict=True):
+        np.testing.assert_allclose(track.place[0], thing.T_world_object[:3, 3], atol=1e-4)
+        np.testing.assert_allclose(track.place[1], thing.T_world_object[:3, 2], atol=1e-4)
+
+
+def test_external_edges_pull(scene):
+    backend = EdgeBackend(SolverParams(), window=4)
+    run(backend, scene, lambda i: [odometry(i)], wrong=0.0)
+    sure = Edge(0, 5, 0, 5, EdgeKind.EXTERNAL, inverse(POSES[0]) @ POSES[5], 1e-8 * np.eye(6))
+    backend.add_external([sure])
+    np.testing.assert_allclose(backend.solve(loop_closed=True)[5], POSES[5], atol=2e-3)
+
+
+def test_uncertainty_grows_along_odometry(scene):
+    backend = EdgeBackend(SolverParams(), window=4)
+    run(backend, scene, lambda i: [odometry(i)], wrong=0.0)
+    assert backend.covariance(5)[3, 3] > backend.covariance(1)[3, 3] > backend.covariance(0)[3, 3]
+
+
+def test_lever_points_lie_on_axis_and_handle(scene):
+    frames = record(scene, 0).frames
+    points, _ = lever_points(frames, 0)
+    np.testing.assert_allclose(points[1] - points[0], LEVER_M * frames.axes[0], atol=1e-12)
+    np.testing.assert_allclose(points[2] - points[0], LEVER_M * frames.vectors[2, 0], atol=1e-12)
+
+
+def test_covariances_of_lever_points_hold_each_sigma_once(scene):
+    thing = scene.things[0]
+    code = make_code(thing, np.eye(4), SIGMAS)  # object axes are camera axes
+    _, covariances = lever_points(reduce_codes([code], SigmaParams(1.0, 0.0, 0.0)), 0)
+    shifts, loose = SIGMAS[3:] ** 2, LEVER_M**2
+    turns = LEVER_M**2 * SIGMAS[:3] ** 2
+    np.testing.assert_allclose(covariances[0], np.diag(shifts), atol=1e-15)
+    np.testing.assert_allclose(
+        covariances[1], np.diag(shifts) + np.diag([turns[1], turns[0], loose]), atol=1e-15
+    )
+    np.testing.assert_allclose(
+        covariances[2], np.diag(shifts) + np.diag([loose, turns[2], loose]), atol=1e-15
+    )
+
+
+def test_hidden_handles_and_bottles_give_no_handle_point(scene):
+    backend = LandmarkBackend(SolverParams())
+    hidden = record(scene, 0, HIDDEN)
+    backend.add_keyframe(hidden, POSES[0], [], [])
+    backend.add_sightings(hidden, scene.tracks)
+    backend.solve(loop_closed=False)
+    assert {point % 3 for point in backend.graph.points()} == {0, 1}

@@ -1,0 +1,110 @@
+"""Tracks, their similarity and the drift clock."""
+
+import numpy as np
+import pytest
+
+from neuse.slam.library import ObjectLibrary, drift_between, orthonormal_place, places_of, similarity
+
+from .synthetic import make_thing
+from .test_association import scene_of, view_of
+
+
+@pytest.fixture
+def scene():
+    rng = np.random.default_rng(0)
+    return scene_of([make_thing(i, i % 2 == 1, np.array([0.2 * i, 0.0, 1.0]), rng) for i in range(3)])
+
+
+def see_again(track, scene, place=None):
+    view = view_of([scene.things[track.key]])
+    track.see(view.codes[0], track.place if place is None else place, track.last, np.ones(2), frame_index=7)
+
+
+def test_similarity_is_the_cosine_within_a_category_and_minus_one_across(scene):
+    codes = view_of(scene.things).codes
+    S = similarity(codes, scene.tracks)
+    assert S[0, 1] == -1.0
+    assert S[0, 0] == pytest.approx(1.0)
+    assert S[0, 2] == pytest.approx(scene.things[0].descriptor @ scene.things[2].descriptor)
+    assert similarity(codes, []).shape == (3, 0)
+
+
+def test_ids_are_never_reused():
+    scene = scene_of([make_thing(0, False, np.array([0, 0, 1.0]), np.random.default_rng(0))])
+    library, old = scene.library, scene.tracks[0]
+    library.drop([old])
+    new = library.add(view_of(scene.things).codes[0], old.place, old.last, np.zeros(2), 1)
+    library.confirm(new)
+    assert (new.key, new.object_id) == (1, 1)
+
+
+def test_tentative_tracks_have_no_object_and_confirmed_ones_do(scene):
+    library = ObjectLibrary()
+    track = library.add(
+        view_of(scene.things).codes[0], scene.tracks[0].place, scene.tracks[0].last, np.zeros(2), 0
+    )
+    assert not track.confirmed
+    library.confirm(track)
+    assert library.named(track.object_id) == [track]
+
+
+def test_retired_tracks_are_known_but_not_active(scene):
+    scene.tracks[1].retired = True
+    assert [track.key for track in scene.library.active()] == [0, 2]
+    assert len(scene.library.named(1)) == 1
+
+
+def test_place_is_averaged_until_the_graph_knows_better(scene):
+    track = scene.tracks[0]
+    further = track.place + np.array([[0.1, 0, 0], [0, 0, 0], [0, 0, 0]])
+    see_again(track, scene, further)
+    assert track.place[0, 0] == pytest.approx(0.05)
+    track.anchored = True
+    see_again(track, scene, further)
+    assert track.place[0, 0] == pytest.approx(0.05)
+    assert track.last_frame == 7
+
+
+def test_descriptor_stays_of_unit_length(scene):
+    track = scene.tracks[0]
+    other = view_of([make_thing(9, False, np.zeros(3), np.random.default_rng(5))]).codes[0]
+    track.see(other, track.place, track.last, np.ones(2), 1)
+    assert np.linalg.norm(track.descriptor) == pytest.approx(1.0)
+    assert track.descriptor @ other.descriptor > 0.5
+
+
+def test_periods_of_sight_end_after_a_gap(scene):
+    track = scene.tracks[0]
+    for keyframe in (3, 4, 14, 25):
+        track.enter_keyframe(keyframe, gap=10)
+    assert track.periods == [3, 25]
+
+
+def test_drift_counts_from_the_last_sight(scene):
+    drift = drift_between(scene.tracks, np.array([0.1, 0.4]))
+    np.testing.assert_allclose(drift, [[0.1, 0.4]] * 3)
+
+
+def test_object_mapped_with_one_just_seen_is_known_as_well(scene):
+    """Seeing table one again tells where table two is, since both were mapped at nearly the same drift."""
+    near, far, late = scene.tracks
+    near.mapped_at, far.mapped_at, late.mapped_at = np.array([[0, 0], [0.1, 0.1], [5, 5]], dtype=float)
+    near.seen_at = np.array([9.0, 9.0])
+    far.seen_at, late.seen_at = np.array([0.1, 0.1]), np.array([5.0, 5.0])
+    drift = drift_between([near, far, late], np.array([9.2, 9.2]))
+    np.testing.assert_allclose(drift[:, 1], [0.2, 0.3, 4.2])
+
+
+def test_no_tracks_have_no_drift_and_no_places():
+    assert drift_between([], np.zeros(2)).shape == (0, 2)
+    assert places_of([]).shape == (3, 0, 3)
+
+
+def test_places_stack_centres_axes_and_handles(scene):
+    np.testing.assert_array_equal(places_of(scene.tracks)[0, 1], scene.tracks[1].place[0])
+
+
+@pytest.mark.parametrize("handle", [[0.3, 0.1, 0.9], [0.0, 0.0, 2.0], [0.0, 0.0, 0.0]])
+def test_place_is_made_orthonormal(handle):
+    _, axis, right = orthonormal_place(np.array([[1.0, 2, 3], [0, 0, 5], handle]))
+    np.testing.assert_allclose([axis @ axis, right @ right, axis @ right], [1, 1, 0], atol=1e-12)

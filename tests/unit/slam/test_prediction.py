@@ -1,0 +1,94 @@
+"""Prediction of the camera's pose, and odometry edges."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from neuse.geometry import exp, inverse
+from neuse.records import EdgeKind, OdometrySample
+from neuse.slam.keyframes import KeyframeRecord
+from neuse.slam.localization import Belief
+from neuse.slam.object_frames import reduce_codes
+from neuse.slam.odometry import OdometryParams
+from neuse.slam.prediction import Predictor
+
+FRAME_NS = 100_000_000
+START = Belief(exp([0, 0, 0.3, 1, 2, 3]), 1e-6 * np.eye(6))
+
+
+def pose(i):
+    return exp([0, 0, 0.01 * i, 0.05 * i, 0, 0])
+
+
+def sample(i):
+    return OdometrySample(i * FRAME_NS, pose(i))
+
+
+def record(i, fix):
+    return KeyframeRecord(i, i * FRAME_NS, np.zeros(0, int), reduce_codes([]), fix)
+
+
+@pytest.fixture
+def predictor():
+    return Predictor(OdometryParams(), Counter())
+
+
+def predict(predictor, last, i, with_odometry=True):
+    fix, motion, belief = predictor.predict(last, sample(i) if with_odometry else None, i * FRAME_NS)
+    predictor.settle(fix, belief)
+    return fix, motion, belief
+
+
+def test_prediction_follows_odometry(predictor):
+    predictor.predict(START, sample(0), 0)
+    predictor.settle(predictor.predict(START, sample(1), FRAME_NS)[0], START)
+    _, _, belief = predict(predictor, START, 2)
+    np.testing.assert_allclose(belief.T_map_camera, START.T_map_camera @ inverse(pose(1)) @ pose(2))
+
+
+def test_prediction_without_odometry_stays_and_doubts(predictor):
+    _, _, belief = predict(predictor, START, 1, with_odometry=False)
+    np.testing.assert_array_equal(belief.T_map_camera, START.T_map_camera)
+    later = predict(predictor, belief, 2, with_odometry=False)[2]
+    assert np.all(np.diag(later.covariance) > np.diag(belief.covariance))
+
+
+def test_prediction_after_a_gap_uses_all_of_the_motion(predictor):
+    belief = predict(predictor, START, 1)[2]
+    belief_in_gap = predict(predictor, belief, 2, with_odometry=False)[2]
+    after = predict(predictor, belief_in_gap, 3)[2]
+    np.testing.assert_allclose(after.T_map_camera, belief.T_map_camera @ inverse(pose(1)) @ pose(3))
+
+
+def test_edges_join_keyframes_that_have_odometry(predictor):
+    fixes = [predict(predictor, START, i)[0] for i in range(3)]
+    (edge,), guessed = predictor.edge(record(0, fixes[0]), record(1, fixes[2]), [])
+    np.testing.assert_allclose(edge.T_from_to, inverse(pose(0)) @ pose(2))
+    assert edge.kind == EdgeKind.ODOMETRY
+    assert guessed == []
+
+
+def test_first_keyframe_has_no_edge(predictor):
+    assert predictor.edge(None, record(0, None), []) == ([], [])
+
+
+def test_keyframes_with_neither_odometry_nor_objects_are_tied_weakly(predictor):
+    odometry, (guess,) = predictor.edge(record(0, None), record(1, None), [])
+    assert odometry == []
+    assert guess.covariance[3, 3] > 0.02**2
+
+
+def test_keyframes_tied_by_objects_need_no_guess(predictor):
+    fixes = [predict(predictor, START, i)[0] for i in range(2)]
+    tie = predictor.edge(record(0, fixes[0]), record(1, fixes[1]), [])[0]
+    assert predictor.edge(record(0, None), record(1, None), tie) == ([], [])
+
+
+def test_odometry_only_where_blind_when_so_wished():
+    predictor = Predictor(OdometryParams(use="blind"), Counter())
+    fixes = [predict(predictor, START, i)[0] for i in range(2)]
+    records = [record(i, fix) for i, fix in enumerate(fixes)]
+    tie, _ = predictor.edge(*records, [])
+    assert len(tie) == 1
+    assert predictor.edge(*records, tie) == ([], [])
