@@ -63,11 +63,10 @@ class ChangeDetector:
         """The object has come to a place that was free, or another's."""
         self._come.setdefault(object_id, _Open(stamp_ns))
 
-    def rename(self, object_id: int, new_id: int) -> None:
-        """An object was known under another id."""
-        for entries in (self._gone, self._come):
-            if object_id in entries:
-                entries.setdefault(new_id, entries.pop(object_id))
+    def forget(self, object_id: int) -> None:
+        """The id has turned out to mean another object."""
+        self._gone.pop(object_id, None)
+        self._come.pop(object_id, None)
 
     def moves(self, library: ObjectLibrary, stamp_ns: int, final: bool) -> list[Move]:
         """The pairs that are certain: most alike among all that are open, the gone one known to be gone."""

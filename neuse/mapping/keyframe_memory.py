@@ -1,6 +1,6 @@
 """Memory of keyframes: their latest poses, and what each saw: centres of objects, and depth."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from neuse.geometry import Array, inverse
 from neuse.records import NO_ID, Intrinsics, Keyframe, TrackedFrame
 
-_MOVED_M = 1e-4  # a keyframe that moved less need not be looked at again
+_MOVED = 5e-4  # m, rad: a keyframe that moved less keeps its pose, and its objects their averages
 _MM = 1000.0
 
 
@@ -50,7 +50,7 @@ class KeyframeMemory:
             self.seen[frame.keyframe_id] = SeenKeyframe(
                 frame.keyframe_id, tick, frame.intrinsics, _to_millimetres(frame.coarse_depth_m)
             )
-            self._forget_every_second_depth()
+            self._forget_a_depth()
         moved = self._moved(latest)
         self.poses |= {i: T for i, T in latest.items() if i in moved or i not in self.poses}
         return moved
@@ -82,14 +82,18 @@ class KeyframeMemory:
         if not ids:
             return set()
         change = np.stack([latest[i] for i in ids]) - np.stack([self.poses[i] for i in ids])
-        return {ids[i] for i in np.flatnonzero(np.abs(change).max(axis=(1, 2)) > _MOVED_M)}
+        return {ids[i] for i in np.flatnonzero(np.abs(change).max(axis=(1, 2)) > _MOVED)}
 
-    def _forget_every_second_depth(self) -> None:
-        """Thin the depth images out evenly when there are too many: neighbours tell much the same."""
+    def _forget_a_depth(self) -> None:
+        """Keep to the limit: let go of the depth image that leaves the smallest gap."""
         with_depth = [keyframe for keyframe in self.seen.values() if keyframe.depth_mm is not None]
         if len(with_depth) > self._max_depths:
-            for keyframe in with_depth[:-1:2]:
-                keyframe.depth_mm = None
+            with_depth[most_redundant([keyframe.tick for keyframe in with_depth])].depth_mm = None
+
+
+def most_redundant(ticks: Sequence[int]) -> int:
+    """Index of the one of at least three ascending steps without which the rest is spread most evenly."""
+    return int(np.argmin(np.subtract(ticks[2:], ticks[:-2]))) + 1
 
 
 def visible(centers: Array, intrinsics: Intrinsics) -> np.ndarray:

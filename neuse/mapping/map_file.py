@@ -3,6 +3,7 @@
 import json
 import os
 import zipfile
+import zlib
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,10 @@ from neuse.records import NO_ID, Intrinsics, ObjectStatus
 
 FORMAT = "neuse-map"
 VERSION = 1
+_UNREADABLE = (
+    OSError, EOFError, ValueError, KeyError, AttributeError, RuntimeError, SyntaxError,
+    zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -116,7 +121,7 @@ def load_map(path: Path) -> StoredMap:
         header = json.loads(arrays.pop("header").tobytes())
     except FileNotFoundError as error:
         raise MapFileError(f"there is no map file {path}") from error
-    except (OSError, ValueError, KeyError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+    except _UNREADABLE as error:
         raise MapFileError(f"{path} is damaged or no map file: {error}") from error
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise MapFileError(f"{path} is no map file of this program")

@@ -40,7 +40,7 @@ class MapperParams(CheckedParams):
     """Parameters of the mapper; nested names are dotted ROS parameter names."""
 
     max_depth_keyframes: int = param(
-        1000, "keyframes whose depth thumbnails are kept as evidence", 2, 1000000
+        1000, "keyframes whose depth thumbnails are kept as evidence", 3, 1000000
     )
     redecode_rms_m: float = param(
         0.005, "a shape is decoded anew when its code changed by this rms", 0.0, 1.0
@@ -80,12 +80,11 @@ class ObjectMapper:
         self._stamp_ns = frame.stamp_ns
         self._library.invalidate(self._memory.update(frame, keyframes, self._tick))
         self._update_objects(frame)
-        if frame.keyframe_id == NO_ID:
-            return ()
-        keyframe = self._memory.seen[frame.keyframe_id]
-        seen_ids = set(keyframe.centers) | self._recognise_unmatched(frame, keyframe)
-        self._presence.update(keyframe, self._memory, self._library, seen_ids)
-        self._judge_newcomers(set(keyframe.centers))
+        if frame.keyframe_id != NO_ID:
+            keyframe = self._memory.seen[frame.keyframe_id]
+            seen_ids = set(keyframe.centers) | self._recognise_unmatched(frame, keyframe)
+            self._presence.update(keyframe, self._memory, self._library, seen_ids)
+            self._judge_newcomers(set(keyframe.centers))
         return self._detect_changes(final=False)
 
     def finalize(self) -> tuple[ObjectChange, ...]:
@@ -138,7 +137,7 @@ class ObjectMapper:
             record = self._library.records.get(object_id) or self._create(object_id, frame, tracked)
             if frame.keyframe_id != NO_ID:
                 self._memory.seen[frame.keyframe_id].centers[object_id] = seen.code.center
-            if not record.is_present:
+            if not record.is_present or record.category != seen.code.category:
                 continue
             record.seen(self._tick, frame.stamp_ns)
             if keyframe_id not in record.views:
@@ -191,7 +190,7 @@ class ObjectMapper:
             self._newcomers.discard(object_id)
             if verdict.duplicate_of is not None:
                 self._library.merge(object_id, verdict.duplicate_of)
-                self._meshes.forget(object_id)
+                self._forget(object_id)
                 self._presence.forget(verdict.duplicate_of)
             elif verdict.origin == Origin.CHANGE:
                 self._detector.note_come(object_id, self._stamp_ns)
@@ -214,12 +213,15 @@ class ObjectMapper:
         """Tell the detector who is gone. An object called removed that is matched again has been added."""
         back = []
         for record in self._library:
-            if record.is_present and self._presence.is_gone(record.object_id):
-                self._detector.note_gone(record.object_id, self._stamp_ns)
-            elif record.is_present or self._presence.is_back(record.object_id):
-                self._detector.note_present(record.object_id)
-                if not record.is_present:
+            if not record.is_present:
+                if self._presence.has_returned(record.object_id):
+                    self._presence.forget(record.object_id)
+                    self._detector.note_present(record.object_id)
                     back.append(self._change(record.object_id, ChangeKind.ADDED))
+            elif self._presence.is_gone(record.object_id):
+                self._detector.note_gone(record.object_id, self._stamp_ns)
+            else:
+                self._detector.note_present(record.object_id)
         return back
 
     def _change(self, object_id: int, kind: ChangeKind) -> ObjectChange:
@@ -237,12 +239,19 @@ class ObjectMapper:
         self._library.move(move.object_id, move.newcomer_id)
         self._newcomers.discard(move.object_id)
         self._presence.forget(move.object_id)
-        self._meshes.forget(move.newcomer_id)
+        self._forget(move.newcomer_id)
         T_map_after = record.code.T_frame_object
         return ObjectChange(
             self._stamp_ns, ChangeKind.MOVED, record.object_id, record.category, T_map_before, T_map_after,
             merged_id=move.newcomer_id,
         )  # fmt: skip
+
+    def _forget(self, object_id: int) -> None:
+        """An id that has become an alias leaves no evidence behind."""
+        self._newcomers.discard(object_id)
+        self._presence.forget(object_id)
+        self._detector.forget(object_id)
+        self._meshes.forget(object_id)
 
     def _map_object(self, record: ObjectRecord) -> MapObject:
         code = record.code

@@ -111,13 +111,21 @@ class Judge:
     def _is_duplicate(
         self, newcomer: ObjectRecord, known: ObjectRecord, views: Sequence[AnchoredView]
     ) -> bool:
-        """Alike and in one place relative to the anchors (IV-D), or part of an object that is still seen."""
-        if newcomer.similarity(known) >= self._params.similarity_min:
-            votes = [self._evidence.agrees(view, known) for view in views]
-            if 2 * votes.count(True) > len(votes) - votes.count(None):
-                return True
+        """In one place relative to the anchors (IV-D) and alike, or one inside the other and both still seen.
+
+        While both are seen, nothing has changed: two objects in one place are one, whatever it looked like.
+        """
+        alike = newcomer.similarity(known) >= self._params.similarity_min
         still_seen = known.last_tick >= newcomer.since_tick
-        return still_seen and is_residual(self._box(newcomer), self._box(known), self._upkeep)
+        votes = [self._evidence.agrees(view, known) for view in views] if alike or still_seen else []
+        if 2 * votes.count(True) > len(votes) - votes.count(None):
+            return True
+        return still_seen and self._is_partial(newcomer, known)
+
+    def _is_partial(self, newcomer: ObjectRecord, known: ObjectRecord) -> bool:
+        """One of the two is a partial instance of the other (appendix)."""
+        box, known_box = self._box(newcomer), self._box(known)
+        return is_residual(box, known_box, self._upkeep) or is_residual(known_box, box, self._upkeep)
 
     def _has_displaced(
         self, newcomer: ObjectRecord, known: ObjectRecord, views: Sequence[AnchoredView]

@@ -7,6 +7,7 @@ import numpy as np
 
 from neuse.embedding.code import Code
 from neuse.geometry import Array, transform_points
+from neuse.mapping.keyframe_memory import most_redundant
 from neuse.params import CheckedParams, param
 from neuse.records import ObjectStatus
 
@@ -18,7 +19,7 @@ _TRUSTED_SHARE = 0.8  # the farthest points of a view may be of another surface
 class LibraryParams(CheckedParams):
     """What is kept of each object."""
 
-    max_views: int = param(24, "views that are kept of an object, spread evenly", 2, 10000)
+    max_views: int = param(16, "views that are kept of an object, spread evenly", 3, 10000)
     points_per_view: int = param(48, "surface points that are kept of a view", 4, 10000)
     views_of_place: int = param(6, "views whose points make up an object's place", 1, 1000)
 
@@ -105,12 +106,13 @@ class ObjectRecord:
         self.n_observations += 1
 
     def add_view(self, keyframe_id: int, view: View, max_views: int) -> None:
-        """Keep a view, the first of each keyframe; beyond `max_views` every second one is dropped."""
+        """Keep the first view of each keyframe; beyond `max_views` the one of the smallest gap goes."""
         if keyframe_id in self.views:
             return
         self.views[keyframe_id] = view
         if len(self.views) > max_views:
-            self.views = {i: self.views[i] for i in list(self.views)[-1::-2][::-1]}
+            ids = list(self.views)
+            del self.views[ids[most_redundant(ids)]]
         self.invalidate()
 
     def invalidate(self) -> None:
@@ -139,6 +141,7 @@ def average_codes(codes: Sequence[Code], T_map_keyframes: Array, weights: Array)
 
 def make_view(code: Code, cloud: np.ndarray, T_keyframe_camera: Array, is_cut: bool, count: int) -> View:
     """A view from an observation in the camera frame; a cut one (at the image border) weighs a quarter."""
+    cloud = cloud if len(cloud) else code.center[None]
     variance = float(np.mean(code.sigmas[3:] ** 2)) + 1e-6
     nearest = np.argsort(np.linalg.norm(cloud - code.center, axis=1))[
         : int(np.ceil(_TRUSTED_SHARE * len(cloud)))

@@ -21,6 +21,7 @@ class Presence:
         self._evidence, self._enough = evidence, enough
         self._empty: dict[int, int] = {}
         self._displaced: set[int] = set()
+        self._returned: dict[int, int] = {}
 
     def update(
         self, keyframe: SeenKeyframe, memory: KeyframeMemory, library: ObjectLibrary, seen_ids: Set[int]
@@ -41,25 +42,25 @@ class Presence:
         """The place was seen empty often enough, or another object stands there."""
         return object_id in self._displaced or self._empty.get(object_id, 0) >= self._enough
 
-    def is_back(self, object_id: int) -> bool:
-        """Nothing speaks against the object being at its place."""
-        return object_id not in self._displaced and self._empty.get(object_id, 0) == 0
+    def has_returned(self, object_id: int) -> bool:
+        """An object that was removed has been matched at its place often enough since."""
+        return self._returned.get(object_id, 0) >= self._enough
 
     def displace(self, object_id: int) -> None:
-        """Another object has taken the place: it is gone until it is matched again."""
+        """Another object has taken the place: this one is gone until it is matched again."""
         self._displaced.add(object_id)
-        self._empty[object_id] = self._enough
 
     def forget(self, object_id: int) -> None:
-        """The object is at a new place, or has left the map."""
+        """What was known no longer holds: the object has moved, returned, or left the map."""
         self._empty.pop(object_id, None)
+        self._returned.pop(object_id, None)
         self._displaced.discard(object_id)
 
     def _saw(self, record: ObjectRecord) -> None:
-        """A match clears an object; one that was called removed must be matched as often as it was missed."""
-        self._displaced.discard(record.object_id)
-        count = self._empty.get(record.object_id, 0)
-        self._empty[record.object_id] = 0 if record.is_present else max(0, count - 1)
+        if record.is_present:
+            self.forget(record.object_id)
+        else:
+            self._returned[record.object_id] = self._returned.get(record.object_id, 0) + 1
 
     def _missed(self, record: ObjectRecord, keyframe: SeenKeyframe) -> None:
         sight = self._evidence.sight(record.points, keyframe, record.last_tick, record.object_id)
@@ -67,6 +68,6 @@ class Presence:
             return
         count = self._empty.get(record.object_id, 0)
         if sight.is_empty:
-            self._empty[record.object_id] = min(count + 1, 2 * self._enough)
+            self._empty[record.object_id] = count + 1
         elif sight.is_taken:
             self._empty[record.object_id] = max(0, count - 1)

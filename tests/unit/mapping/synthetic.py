@@ -99,7 +99,7 @@ RECONSTRUCT = {"bottle": decode, "mug": decode}
 
 
 def ray_depths(things: Sequence[Thing], tables: Sequence[Array], T_world_camera: Array, rays: Array) -> Array:
-    """(1 + t, n) depth along z at which rays (n, 3), z = 1, hit ground and tables [0], and each thing [1:]."""
+    """(1 + t, n) depth along z at which rays (n, 3), z = 1, hit the tables and ground [0] or a thing [1:]."""
     directions = rays @ T_world_camera[:3, :3].T
     origin = T_world_camera[:3, 3]
     depths = [_planes(origin, directions, tables)]
@@ -281,10 +281,10 @@ class World:
         around = center[:2] / center[2]
         if center[2] < 0.2 or (np.abs(around) > [0.6, 0.45]).any():
             return None
-        rays = _square(24) * size + np.append(around, 1.0)
+        rays = _square(18) * size + np.append(around, 1.0)
         depths = ray_depths(self.things, self.tables, T_world_camera, rays)
         first = depths.argmin(axis=0) == 1 + self.things.index(thing)
-        if first.sum() < 0.3 * np.isfinite(depths[1 + self.things.index(thing)]).sum() or first.sum() < 20:
+        if first.sum() < 0.3 * np.isfinite(depths[1 + self.things.index(thing)]).sum() or first.sum() < 12:
             return None
         cloud = rays[first] * depths.min(axis=0)[first, None]
         cloud += self._rng.normal(scale=0.002, size=cloud.shape)

@@ -96,14 +96,19 @@ def test_truncated_file_is_refused(tmp_path, share):
         load_map(path)
 
 
-def test_flipped_byte_is_noticed(tmp_path):
-    path = tmp_path / "map.npz"
-    save_map(path, stored_map())
-    damaged = bytearray(path.read_bytes())
-    damaged[len(damaged) // 3] ^= 0xFF
-    path.write_bytes(damaged)
-    with pytest.raises(MapFileError, match="damaged"):
-        load_map(path)
+def test_flipped_byte_is_noticed_or_harmless(tmp_path):
+    path, stored = tmp_path / "map.npz", stored_map()
+    save_map(path, stored)
+    whole, refused = path.read_bytes(), 0
+    for position in range(0, len(whole), 41):
+        damaged = bytearray(whole)
+        damaged[position] ^= 0xFF
+        path.write_bytes(damaged)
+        try:
+            assert_equal(load_map(path), stored)
+        except MapFileError:
+            refused += 1
+    assert refused > len(whole) / 41 / 3
 
 
 def rewritten(path, **changes):

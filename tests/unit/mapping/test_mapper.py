@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from neuse import geometry
-from neuse.errors import InputError, MeshError, ParamError
+from neuse.errors import InputError, MapFileError, MeshError, ParamError
 from neuse.mapping.change_detection import ChangeParams
 from neuse.mapping.mapper import MapperParams, ObjectMapper
 from neuse.params import build, fields, flatten
@@ -200,6 +200,33 @@ def test_lying_object_that_is_taken_away_is_removed():
     assert revisit(make_world(things), lambda w: w.remove("a")) == [(REMOVED, "a")]
 
 
+def test_removed_object_that_the_tracker_matches_again_is_added():
+    world = make_world(mapper=ObjectMapper(RECONSTRUCT, MapperParams(changes=ChangeParams(pending_s=0.0))))
+    world.tour(orbit(count=16))
+    a, known = world.thing("a"), (world.ids["a"], world._places["a"])
+    world.remove("a")
+    world.tour(orbit(count=16))
+    world.add(a)
+    world.ids["a"], world._places["a"] = known
+    world.tour(orbit(count=16))
+    assert [(c.kind, c.object_id) for c in world.finish()] == [(REMOVED, known[0]), (ADDED, known[0])]
+    assert_map_is_true(world)
+
+
+def test_second_id_for_an_object_still_seen_is_the_same_object():
+    """Association alternates between two ids for one mug, which looks different under each."""
+    world = make_world()
+    world.tour(orbit(count=12))
+    first_id, place = world.ids["c"], world._places["c"]
+    for T in orbit(count=24, start_rad=0.5):
+        world.ids["c"] = first_id if world.frames % 2 else 77
+        world._places["c"] = place
+        world.step(T)
+    world.ids["c"] = first_id
+    assert world.finish() == []
+    assert_map_is_true(world)
+
+
 def test_removed_object_put_back_is_added():
     world = make_world(mapper=ObjectMapper(RECONSTRUCT, MapperParams(changes=ChangeParams(pending_s=0.0))))
     a = world.thing("a")
@@ -287,6 +314,27 @@ def test_reset_forgets_everything():
     world.mapper.reset()
     assert world.mapper.object_map.objects == ()
     assert world.mapper.changes == ()
+
+
+def test_removed_object_stays_removed_over_a_reload(tmp_path):
+    world = make_world()
+    revisit(world, lambda w: w.remove("a"))
+    world.mapper.save(tmp_path / "map.npz")
+    mapper = ObjectMapper(RECONSTRUCT)
+    mapper.load(tmp_path / "map.npz")
+    assert mapper.finalize() == ()
+    statuses = [known.status for known in mapper.object_map.objects]
+    assert statuses == [known.status for known in world.mapper.object_map.objects]
+    assert ObjectStatus.REMOVED in statuses
+
+
+def test_broken_file_leaves_the_map_as_it_is(tmp_path):
+    world = make_world()
+    world.tour(orbit(count=8))
+    (tmp_path / "map.npz").write_bytes(b"broken")
+    with pytest.raises(MapFileError):
+        world.mapper.load(tmp_path / "map.npz")
+    assert len(world.mapper.object_map.objects) == 5
 
 
 def test_changes_after_a_reload_are_found(tmp_path):

@@ -86,9 +86,10 @@ def test_views_are_bounded_and_spread_evenly():
     for i in range(2, 200):
         known.add_view(i, view, max_views=8)
     kept = sorted(known.views)
-    assert 4 <= len(kept) <= 8
+    assert len(kept) == 8
+    assert kept[0] == 0
     assert kept[-1] == 199
-    assert max(np.diff(kept)) <= 100
+    assert max(np.diff(kept)) <= 60
 
 
 def test_first_view_of_a_keyframe_is_kept():
@@ -105,6 +106,13 @@ def test_view_keeps_the_asked_number_of_points_and_drops_the_farthest():
     view = make_view(code, np.concatenate([near, stray]), np.eye(4), False, 48)
     assert len(view.points) == 48
     assert np.linalg.norm(view.points - code.center, axis=1).max() < 0.2
+
+
+def test_view_without_points_has_its_centre():
+    code = make_code(MUG, MUG.T_world_object, RNG)
+    np.testing.assert_array_equal(
+        make_view(code, np.zeros((0, 3)), np.eye(4), False, 8).points, [code.center]
+    )
 
 
 def test_view_that_the_border_cuts_weighs_less():
