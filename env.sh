@@ -21,6 +21,8 @@ if [ -d "$_neuse_root/.venv" ]; then
         *":$VIRTUAL_ENV:"*) ;;
         *) export AMENT_PREFIX_PATH="${AMENT_PREFIX_PATH:+$AMENT_PREFIX_PATH:}$VIRTUAL_ENV" ;;
     esac
+    # Whole images fit into shared memory.
+    export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$_neuse_root/tools/fastdds.xml}"
     # The library is read from the tree, so that an edit needs no build.
     case ":${PYTHONPATH:-}:" in
         ":$_neuse_root:"*) ;;

@@ -9,7 +9,7 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -25,9 +25,16 @@ NODES = {
     "slam_node": "neuse_slam_node",
     "mapper_node": "neuse_mapper_node",
 }
+PATIENT = (
+    "--ros-args",
+    "-p",
+    "input_depth:=100",
+    "-p",
+    "queue_size:=1000",
+)  # a bag's frames shall all be used
 BETWEEN_NODES = (topics.OBSERVATIONS, topics.FRAMES, topics.EDGES, topics.MAP)
 AWAITED = tuple(topic.name for topic in (*topics.FRAME_TOPICS, topics.ODOMETRY, *BETWEEN_NODES))
-START_S, END_S = 180.0, 60.0
+START_S, END_S = 180.0, 660.0
 
 
 class Graph:
@@ -100,7 +107,8 @@ def record_graph(bag: Path, recording: Path, rate: float, logs: Path) -> None:
     """Play a bag to the three nodes and record what they publish."""
     with running_graph(logs) as graph:
         for executable, package in NODES.items():
-            graph.start(package, executable)
+            patience = ENCODER_PATIENCE if executable == "encoder_node" else PATIENCE
+            graph.start(package, executable, *_ros_arguments(patience))
         graph.start("neuse_bags", "record", "--out", recording, "--overwrite")
         waiting = ("--wait-for", START_S, "--wait-topics", *AWAITED)
         graph.start("neuse_bags", "play", bag, "--rate", rate, *waiting)
@@ -126,6 +134,12 @@ def _simulate(preset: str, bag: Path) -> None:
     except KeyboardInterrupt:
         bag.unlink(missing_ok=True)
         raise
+
+
+def _ros_arguments(parameters: Mapping[str, object]) -> list[str]:
+    """Parameters as a command line has them."""
+    pairs = [("-p", f"{name}:={value}") for name, value in parameters.items()]
+    return ["--ros-args", *(word for pair in pairs for word in pair)]
 
 
 def _executable(package: str, name: str) -> Path:

@@ -28,7 +28,6 @@ from neuse_encoder_node.stamps import StampOrder, Succession
 from neuse_encoder_node.worker import Worker
 
 LOG_PERIOD_S = 5.0
-DRAIN_S = 10.0
 GRACE_S = 0.5
 FLUSH = Duration(seconds=1)
 
@@ -58,6 +57,9 @@ class StageParams(CheckedParams):
     )
     restart_s: float = param(
         1.0, "stamps that step back by more than this are a new run: everything is forgotten", 0.0, 1e6
+    )
+    finish_s: float = param(
+        10.0, "when the node ends it goes on at most so long with what waits, seconds", 0.0, 1e5
     )
 
 
@@ -144,7 +146,7 @@ class StageNode(LifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         try:
             params = read_parameters(self, self.defaults)
-            self._order = StampOrder(params.restart_s)
+            self._order, self._finish_s = StampOrder(params.restart_s), params.finish_s
             self.build(params)
             self._worker = Worker(self.get_name(), self._work, params.queue_size, self._dropped)
         except NeuseError as error:
@@ -179,8 +181,8 @@ class StageNode(LifecycleNode):
             return
         self._active = False
         self.flush()
-        if not self._worker.drain(DRAIN_S):
-            self.refuse("unfinished", f"the queue was not empty after {DRAIN_S:.0f} s; its rest is dropped")
+        if not self._worker.drain(self._finish_s):
+            self.refuse("unfinished", f"frames still waited after {self._finish_s:.0f} s; they are dropped")
         with self.lock:
             self.finish()
         self.report()

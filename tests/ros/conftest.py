@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import rclpy
+from ament_index_python.packages import get_package_prefix
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -17,6 +18,7 @@ START_S = 60.0  # imports of a process on a busy machine
 
 _domains = itertools.cycle(range(20 + os.getpid() % 40, 100))
 Start = Callable[..., subprocess.Popen]
+StartNode = Callable[..., "RunningNode"]
 
 
 @pytest.fixture(scope="module")
@@ -60,3 +62,41 @@ def start_bags(domain: int) -> Iterator[Start]:
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
         process.communicate(timeout=START_S)
+
+
+@pytest.fixture(scope="module")
+def start_node(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[StartNode]:
+    """Starts a node of this project as `ros2 run` does; it is interrupted at the end and must end well."""
+    running: list[RunningNode] = []
+
+    def start(name: str, **parameters: object) -> RunningNode:
+        running.append(RunningNode(name, tmp_path_factory.mktemp(name) / "output.log", parameters))
+        return running[-1]
+
+    yield start
+    for node in running:
+        node.end()
+
+
+class RunningNode:
+    """One of the nodes as a process of its own; `output` is what it has said so far."""
+
+    def __init__(self, name: str, log: Path, parameters: dict[str, object]) -> None:
+        package = f"neuse_{name}"
+        values = [f"-p{key}:={value}" for key, value in parameters.items()]
+        executable = Path(get_package_prefix(package), "lib", package, name)
+        self.log = log
+        with log.open("w") as stream:
+            command = [str(executable), *(["--ros-args"] if values else [])]
+            command += [word for value in values for word in (value[:2], value[2:])]
+            self.process = subprocess.Popen(command, stdout=stream, stderr=subprocess.STDOUT)
+
+    @property
+    def output(self) -> str:
+        return self.log.read_text()
+
+    def end(self, number: signal.Signals = signal.SIGINT) -> int:
+        """Interrupt the process if it runs; its exit code."""
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        return self.process.wait(timeout=START_S)

@@ -8,16 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from nav_msgs.msg import Odometry
-from neuse_bags import topics
-from neuse_bags.conversions import odometry_to_msg
-from neuse_bags.mcap_file import BagReader, BagWriter
-from neuse_bags.qos import LATCHED
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import UInt32
+
+from neuse_bags import topics
+from neuse_bags.conversions import odometry_to_msg
+from neuse_bags.mcap_file import BagReader, BagWriter
+from neuse_bags.qos import LATCHED
 
 pytestmark = pytest.mark.ros
 

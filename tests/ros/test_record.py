@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from neuse_bags.mcap_file import BagReader
-from neuse_bags.qos import LATCHED
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String, UInt32
 
+from neuse_bags.mcap_file import BagReader
+from neuse_bags.qos import LATCHED
 from neuse_msgs.msg import ObjectChange
 
 pytestmark = pytest.mark.ros
