@@ -12,9 +12,7 @@ from neuse.embedding.cloud import core
 from neuse.embedding.network import UNIT_M
 from neuse.embedding.views import POINT_UNIT_M
 
-FAR_SHARE = (
-    8  # one of so many queries lies outside the object's box: the decoder must know that space is empty
-)
+ONE_FAR_IN = 8  # queries: that one lies outside the object's box, for the decoder to know that it is empty
 PER_VIEW = ("points", "partial_center", "T_camera_object", "visible", "handle", "noise_m", "n_points")
 PER_SHAPE = ("queries", "occupied", "extents")
 
@@ -23,7 +21,7 @@ class Batch(NamedTuple):
     """Views in network units (0.1 m), relative to each view's partial centre.
 
     points (B, N, 3); target (B, 3, 4) true centre and scaled axes; shape (B,) index; queries (B, Q, 3),
-    occupied (B, Q); index (B,) of the views in the dataset.
+    occupied (B, Q); view (B,) index in the ViewSet.
     """
 
     points: Tensor
@@ -88,7 +86,7 @@ class ViewSet:
             a["queries"][self.shape[index]][:, chosen],
             a["occupied"][self.shape[index]][:, chosen],
         )
-        n_far = n_queries // FAR_SHARE
+        n_far = n_queries // ONE_FAR_IN
         queries[:, :n_far] = _far_points(extents, n_far, rng)
         occupied[:, :n_far] = False
         queries = queries * scales[:, None]

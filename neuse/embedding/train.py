@@ -73,7 +73,7 @@ class Trainer:
             betas=(0.9, 0.98),
             fused=True,
         )
-        self.step, self.seconds = 0, 0.0
+        self.step, self.seconds, self.stopping = 0, 0.0, False
         self.history: list[dict[str, float]] = []
         view_params = ViewParams()
         self.train_set = ViewSet(
@@ -116,6 +116,10 @@ class Trainer:
             logits = self.network.decoder(batch.queries - center[:, None], z - center[..., None])
         losses = encoding_losses(encoding, batch.target, batch.shape, self.network.ambiguous)
         return losses | {"occupancy": occupancy_loss(logits.float(), batch.occupied)}
+
+    def stop_after_step(self, *_: object) -> None:
+        """Signal handler: an exception within a step would leave weights and optimiser at odds."""
+        self.stopping = True
 
     def learning_rate(self) -> float:
         """Warm-up, then one cosine to a hundredth."""
@@ -170,29 +174,27 @@ def checkpoint_params(path: Path) -> TrainParams:
 
 
 def run(trainer: Trainer, checkpoint: Path, weights: Path, every: int = 500) -> None:
-    """Train to the last step, validating and saving on the way; Ctrl-C saves and stops."""
+    """Train to the last step or until `stop_after_step`, validating and saving on the way and at the end."""
     progress = tqdm(total=trainer.params.steps, initial=trainer.step, desc=trainer.category, unit="step")
     running: dict[str, float] = {}
     begun = time.monotonic() - trainer.seconds
-    try:
-        while trainer.step < trainer.params.steps:
-            losses = trainer.train_step()
-            running = {name: 0.98 * running.get(name, loss) + 0.02 * loss for name, loss in losses.items()}
-            trainer.seconds = time.monotonic() - begun
-            progress.update()
-            progress.set_postfix({name: f"{loss:.3f}" for name, loss in running.items()}, refresh=False)
-            if trainer.step % every == 0 or trainer.step == trainer.params.steps:
-                figures = validate(trainer.network, trainer.validation_set)
-                trainer.history.append({"step": trainer.step, **running, **figures})
-                progress.write(json.dumps({k: round(v, 4) for k, v in trainer.history[-1].items()}))
-                trainer.save_checkpoint(checkpoint)
-    except KeyboardInterrupt:
+    while trainer.step < trainer.params.steps and not trainer.stopping:
+        losses = trainer.train_step()
+        running = {name: 0.98 * running.get(name, loss) + 0.02 * loss for name, loss in losses.items()}
+        trainer.seconds = time.monotonic() - begun
+        progress.update()
+        progress.set_postfix({name: f"{loss:.3f}" for name, loss in running.items()}, refresh=False)
+        if trainer.step % every == 0 or trainer.step == trainer.params.steps:
+            figures = validate(trainer.network, trainer.validation_set)
+            trainer.history.append({"step": trainer.step, **running, **figures})
+            progress.write(json.dumps({k: round(v, 4) for k, v in trainer.history[-1].items()}))
+            trainer.save_checkpoint(checkpoint)
+    if trainer.stopping:
         progress.write(f"stopped at step {trainer.step}; go on with --resume")
-    finally:
-        trainer.save_checkpoint(checkpoint)
-        calibrate(trainer.network, trainer.validation_set)
-        save_network(trainer.network, weights, trainer.card())
-        progress.close()
+    progress.close()
+    trainer.save_checkpoint(checkpoint)
+    calibrate(trainer.network, trainer.validation_set)
+    save_network(trainer.network, weights, trainer.card())
 
 
 def main() -> None:
@@ -200,8 +202,6 @@ def main() -> None:
     arguments = _arguments()
     if arguments.category is None:
         sys.exit(_train_all())
-    for stop in (signal.SIGTERM, signal.SIGINT):  # a shell's background processes would ignore SIGINT
-        signal.signal(stop, signal.default_int_handler)
     torch.set_num_threads(arguments.threads)
     if arguments.compile:
         FrameBlock.forward = torch.compile(FrameBlock.forward)  # type: ignore[method-assign]
@@ -215,6 +215,8 @@ def main() -> None:
     trainer = Trainer(arguments.category, params, arguments.data)
     if resumed:
         trainer.load_checkpoint(checkpoint)
+    for stop in (signal.SIGTERM, signal.SIGINT):  # a shell's background processes would ignore SIGINT
+        signal.signal(stop, trainer.stop_after_step)
     run(trainer, checkpoint, weights)
     if arguments.install and trainer.step == params.steps:
         shutil.copyfile(weights, WEIGHTS / weights.name)

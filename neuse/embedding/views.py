@@ -23,10 +23,8 @@ from neuse.simulation.sensor import SensorFaults, apply_faults
 from neuse.simulation.shapes import Shape, categories, sample_shape
 
 CAMERA = DepthCamera(Intrinsics(640, 480, 600.0, 600.0, 319.5, 239.5))
-HALF_CAMERA = DepthCamera(
-    Intrinsics(320, 240, 300.0, 300.0, 159.5, 119.5)
-)  # as many points as are kept, up close
-HALF_CAMERA_BELOW_M = 0.9
+HALF_CAMERA = DepthCamera(Intrinsics(320, 240, 300.0, 300.0, 159.5, 119.5))
+HALF_CAMERA_BELOW_M = 0.9  # it sees as many points as are kept, up close
 SPLIT_SEEDS = {"train": 1, "validation": 2, "test": 3}
 MAX_POINTS = 1024
 MIN_POINTS = 40

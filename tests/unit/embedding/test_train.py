@@ -1,3 +1,4 @@
+import signal
 import sys
 from dataclasses import replace
 
@@ -76,16 +77,16 @@ def test_same_seed_gives_the_same_weights_and_another_seed_others(make_trainer):
         assert_same_weights(a, other)
 
 
-def interrupt_at(trainer, step, monkeypatch):
-    """Make the trainer act as if Ctrl-C came before this step."""
-    train_step = trainer.train_step
+def interrupt_in(trainer, step, monkeypatch):
+    """Send the trainer a signal in the middle of this step."""
+    losses = trainer.losses
 
-    def step_or_stop():
+    def interrupted(*arguments):
         if trainer.step == step:
-            raise KeyboardInterrupt
-        return train_step()
+            trainer.stop_after_step(signal.SIGINT, None)
+        return losses(*arguments)
 
-    monkeypatch.setattr(trainer, "train_step", step_or_stop)
+    monkeypatch.setattr(trainer, "losses", interrupted)
 
 
 def test_stopped_and_resumed_run_gives_the_weights_of_an_uninterrupted_one(
@@ -96,7 +97,7 @@ def test_stopped_and_resumed_run_gives_the_weights_of_an_uninterrupted_one(
     run(whole, tmp_path / "whole.ckpt", tmp_path / "whole.safetensors")
 
     stopped = make_trainer()
-    interrupt_at(stopped, 2, monkeypatch)
+    interrupt_in(stopped, 1, monkeypatch)
     run(stopped, checkpoint, weights)
     assert stopped.step == 2
     assert weights.exists()
