@@ -6,6 +6,7 @@ its publishers offer, and stored byte for byte. Without TOPIC: everything under 
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 
 from rclpy.executors import SingleThreadedExecutor
@@ -57,9 +58,7 @@ class Recorder:
         except BagError as error:
             print(f"record: {name} is left out: {error}", file=sys.stderr)
             return
-        self._node.create_subscription(
-            kind, name, lambda data: self._write(name, data), _requested(offered), raw=True
-        )
+        self._node.create_subscription(kind, name, partial(self._write, name), _requested(offered), raw=True)
 
     def _write(self, name: str, data: bytes) -> None:
         self._writer.write_raw(name, data, self._node.get_clock().now().nanoseconds)

@@ -7,6 +7,7 @@ from neuse.evaluation.trajectory import FramePose, Trajectory, smoothed_trajecto
 from neuse.records import Edge, EdgeKind, Keyframe, ObjectChange, ObjectMap
 
 FRONT_END_STAGES = ("encode", "associate", "edge")
+SYSTEM_STAGES = ("encode", "slam", "map")
 REPORTED_STAGES = ("encode_per_object", "associate", "edge", "optimise", "decode")
 
 
@@ -15,7 +16,8 @@ class Estimate:
     """A run's output, in the frame `map`.
 
     frames: poses as published at the time.    keyframes: as optimised last.    maps: in order of stamps.
-    stage_ms: mean milliseconds a frame by stage, as the run measured them (encode_per_object: an object).
+    stage_ms: mean milliseconds a frame by stage, as the run measured them; encode_per_object and decode: an
+        object. `slam` holds `associate`, `edge` and `optimise`.
     """
 
     frames: tuple[FramePose, ...] = ()
@@ -48,14 +50,13 @@ class Estimate:
 
     def front_end_fps(self) -> float | None:
         """Frames a second that encoding, association and edges allow; None if not measured."""
-        if not all(stage in self.stage_ms for stage in FRONT_END_STAGES):
-            return None
-        return _per_second(sum(self.stage_ms[stage] for stage in FRONT_END_STAGES))
+        return self._fps(FRONT_END_STAGES)
 
     def system_fps(self) -> float | None:
-        """Frames a second that all measured stages allow one after the other; None if none was measured."""
-        return _per_second(sum(ms for stage, ms in self.stage_ms.items() if stage != "encode_per_object"))
+        """Frames a second that encoding, localising and mapping allow in turn; None if not measured."""
+        return self._fps(SYSTEM_STAGES)
 
-
-def _per_second(total_ms: float) -> float | None:
-    return 1e3 / total_ms if total_ms > 0 else None
+    def _fps(self, stages: tuple[str, ...]) -> float | None:
+        if not all(stage in self.stage_ms for stage in stages):
+            return None
+        return 1e3 / max(sum(self.stage_ms[stage] for stage in stages), 1e-6)

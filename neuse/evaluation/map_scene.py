@@ -1,5 +1,6 @@
 """The object map as coloured meshes in a frame whose z axis points up."""
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -62,26 +63,34 @@ class SceneBuilder:
     """
 
     def __init__(self, reconstruct: Mapping[str, Reconstruct], T_picture_map: Array) -> None:
-        self._reconstruct, self._T_picture_map = reconstruct, T_picture_map
+        self._reconstruct, self.T_picture_map = reconstruct, T_picture_map
         self._decoded: dict[bytes, trimesh.Trimesh] = {}
+        self._spent_s: list[float] = []
 
     def scene(self, objects: Sequence[MapObject]) -> MapScene:
         """A scene of some objects."""
         return MapScene(tuple(objects), tuple(self._mesh(item) for item in objects))
 
+    def decode_ms(self) -> float | None:
+        """Mean time of decoding an object, None if none was."""
+        return 1e3 * sum(self._spent_s) / len(self._spent_s) if self._spent_s else None
+
     def _mesh(self, item: MapObject) -> trimesh.Trimesh:
         key = item.code.z.tobytes()
         if key not in self._decoded:
-            self._decoded[key] = self._decode(item).apply_transform(self._T_picture_map)
+            self._decoded[key] = self._decode(item).apply_transform(self.T_picture_map)
         return self._decoded[key]
 
     def _decode(self, item: MapObject) -> trimesh.Trimesh:
         """The full shape in the map frame; its box if there is no decoder or the code has no surface."""
+        start_s = time.perf_counter()
         try:
-            return self._reconstruct[item.category](item.code).copy()
+            mesh = self._reconstruct[item.category](item.code).copy()
         except (KeyError, NeuseError):
             T_map_box = make_transform(item.T_map_object[:3, :3], item.box_center)
             return trimesh.creation.box(np.maximum(item.box_size, 1e-3), T_map_box)
+        self._spent_s.append(time.perf_counter() - start_s)
+        return mesh
 
 
 def upward(objects: Sequence[MapObject], T_map_camera: Array) -> Array:

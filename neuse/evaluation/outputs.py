@@ -40,13 +40,14 @@ def write_outputs(
     """
     folder.mkdir(parents=True, exist_ok=True)
     evaluation = _evaluation(estimate, truth)
+    builder = SceneBuilder(reconstruct, _picture_frame(estimate, evaluation))
+    pictures = list(_pictures(folder, estimate, truth, evaluation, builder))
     report = report_dict(estimate, evaluation)
-    trajectory = estimate.trajectory()
+    report["stage_ms"]["decode"] = estimate.stage_ms.get("decode", builder.decode_ms())
     write_json(folder / "report.json", report)
     write_json(folder / "changes.json", changes_dict(estimate, truth, evaluation))
-    (folder / "trajectory.tum").write_text("\n".join([*tum_lines(trajectory), ""]))
+    (folder / "trajectory.tum").write_text("\n".join([*tum_lines(estimate.trajectory()), ""]))
     _write_edges(folder / "edges.csv", estimate.edges, truth)
-    pictures = list(_pictures(folder, estimate, truth, evaluation, reconstruct))
     (folder / "report.html").write_text(html_page(title, report, pictures))
     return report
 
@@ -115,22 +116,20 @@ def _pictures(
     estimate: Estimate,
     truth: Truth | None,
     evaluation: Evaluation | None,
-    reconstruct: Mapping[str, Reconstruct],
+    builder: SceneBuilder,
 ) -> Iterator[tuple[str, bytes]]:
     """(caption, PNG) for the report; the first two also as trajectory.png and map.png."""
     path = estimate.trajectory()
     if not len(path):
         return
-    T_picture_map = _picture_frame(estimate, evaluation)
-    builder = SceneBuilder(reconstruct, T_picture_map)
-    seen = path.transformed(T_picture_map)
+    seen = path.transformed(builder.T_picture_map)
     yield "Camera path", _saved(folder / "trajectory.png", _trajectory_png(seen, truth, evaluation))
     if not estimate.maps:
         return
     final = builder.scene(estimate.final_map().objects)
     yield "Object map", _saved(folder / "map.png", plots.png(plots.map_figure(final, seen)))
     for change in estimate.changes:
-        yield _change_caption(change), _change_png(change, estimate.maps, builder, T_picture_map)
+        yield _change_caption(change), _change_png(change, estimate.maps, builder)
 
 
 def _saved(path: Path, data: bytes) -> bytes:
@@ -142,7 +141,8 @@ def _picture_frame(estimate: Estimate, evaluation: Evaluation | None) -> Array:
     """Frame with z up: the world where ground truth is known, else levelled by the cameras and objects."""
     if evaluation:
         return evaluation.T_world_map
-    return level_frame(upward(estimate.final_map().objects, estimate.trajectory().T_frame_camera))
+    path = estimate.trajectory()
+    return level_frame(upward(estimate.final_map().objects, path.T_frame_camera)) if len(path) else np.eye(4)
 
 
 def _trajectory_png(seen: Trajectory, truth: Truth | None, evaluation: Evaluation | None) -> bytes:
@@ -157,18 +157,12 @@ def _change_caption(change: ObjectChange) -> str:
     return f"{change.category} {change.object_id} {change.kind.name.lower()} at {change.stamp_ns / 1e9:.1f} s"
 
 
-def _change_png(
-    change: ObjectChange, maps: Sequence[ObjectMap], builder: SceneBuilder, T_picture_map: Array
-) -> bytes:
+def _change_png(change: ObjectChange, maps: Sequence[ObjectMap], builder: SceneBuilder) -> bytes:
     """The map just before and just after the change was found."""
-    before = [m for m in maps if m.stamp_ns < change.stamp_ns]
-    after = [m for m in maps if m.stamp_ns >= change.stamp_ns]
-    scenes = [
-        builder.scene(chosen.objects) for chosen in (before[-1] if before else maps[0], (after or maps)[0])
-    ]
-    places = [
-        transform_points(T_picture_map, T[:3, 3])
-        for T in (change.T_map_before, change.T_map_after)
-        if T is not None
-    ]
-    return plots.png(plots.change_figure(*scenes, places, _change_caption(change)))
+    earlier = [m for m in maps if m.stamp_ns < change.stamp_ns]
+    later = [m for m in maps if m.stamp_ns >= change.stamp_ns]
+    before = builder.scene((earlier[-1] if earlier else maps[0]).objects)
+    after = builder.scene((later[0] if later else maps[-1]).objects)
+    ends = [T for T in (change.T_map_before, change.T_map_after) if T is not None]
+    places = [transform_points(builder.T_picture_map, T[:3, 3]) for T in ends]
+    return plots.png(plots.change_figure(before, after, places, _change_caption(change)))

@@ -18,7 +18,6 @@ from neuse.geometry import Array
 from neuse.records import ObjectStatus
 
 CLUSTER_GAP_M = 0.6
-TRUTH_LINE = {"color": "k", "linestyle": "--", "linewidth": 0.9, "zorder": 3, "label": "ground truth"}
 MAX_CLOSE_UPS = 12
 CLOSE_UP_PX = 520
 OVERVIEW_PX = 760
@@ -33,7 +32,7 @@ def trajectory_figure(path: Trajectory, truth: Trajectory | None, ate_m: Array |
     """
     figure, axes = _figure(8, 6.5)
     if truth is not None:
-        axes.plot(*truth.positions[:, :2].T, **TRUTH_LINE)
+        axes.plot(*truth.positions[:, :2].T, "k--", linewidth=0.9, zorder=3, label="ground truth")
     if ate_m is None:
         axes.plot(*path.positions[:, :2].T, color="tab:blue", linewidth=1.5, label="estimate")
     else:
@@ -101,10 +100,10 @@ def _draw_overview(axes: Axes, scene: MapScene, path: Trajectory) -> None:
 
 def _label_object(axes: Axes, object_id: int, center: Array, removed: bool) -> None:
     if removed:
-        axes.plot(
-            *center[:2], "x", color=STATUS_COLORS[ObjectStatus.REMOVED], markersize=9, markeredgewidth=2
-        )
-    axes.annotate(str(object_id), center[:2], xytext=(5, 5), textcoords="offset points", fontsize=7)
+        color = STATUS_COLORS[ObjectStatus.REMOVED]
+        axes.plot(*center[:2], "x", color=color, markersize=9, markeredgewidth=2)
+    place = (center[0], center[1])
+    axes.annotate(str(object_id), place, xytext=(5, 5), textcoords="offset points", fontsize=7)
 
 
 def _close_up_view(scenes: Sequence[MapScene], places: Sequence[Array] = ()) -> View:
@@ -116,7 +115,8 @@ def _close_up_view(scenes: Sequence[MapScene], places: Sequence[Array] = ()) -> 
 def _draw_close_up(axes: Axes, scene: MapScene, view: View, plane_z: float | None) -> None:
     axes.imshow(render(scene.colored(), view, plane_z))
     for item, pixel in zip(scene.objects, view.project(scene.tops()), strict=True):
-        axes.annotate(str(item.object_id), pixel, xytext=(0, 3), textcoords="offset points", fontsize=8)
+        place = (pixel[0], pixel[1])
+        axes.annotate(str(item.object_id), place, xytext=(0, 3), textcoords="offset points", fontsize=8)
     axes.set_axis_off()
 
 
@@ -141,7 +141,8 @@ def _near(scene: MapScene, places: Sequence[Array]) -> MapScene:
 
 def _add_colored_path(figure: Figure, axes: Axes, points: Array, values_m: Array) -> None:
     segments = np.stack([points[:-1], points[1:]], axis=1)
-    lines = LineCollection(segments, array=(values_m[:-1] + values_m[1:]) / 2, cmap="viridis", linewidth=2.5)
+    between_m = (values_m[:-1] + values_m[1:]) / 2
+    lines = LineCollection(list(segments), array=between_m, cmap="viridis", linewidth=2.5)
     axes.add_collection(lines)
     axes.autoscale_view()
     figure.colorbar(lines, ax=axes, label="absolute trajectory error (m)")

@@ -1,4 +1,9 @@
 import numpy as np
+from std_msgs.msg import Header
+
+from neuse.evaluation.truth import TrueObject
+from neuse.geometry import exp
+from neuse.records import Intrinsics
 from neuse_bags.conversions import (
     camera_info_to_msg,
     depth_to_msg,
@@ -11,11 +16,6 @@ from neuse_bags.conversions import (
 from neuse_encoder_node.conversions import intrinsics_from_msg
 from neuse_encoder_node.images import depth_from_msg, mask_from_msg
 from neuse_slam_node.conversions import transform_from_msg
-from std_msgs.msg import Header
-
-from neuse.evaluation.truth import TrueObject
-from neuse.geometry import exp
-from neuse.records import Intrinsics
 
 
 def test_depth_survives_to_the_millimetre() -> None:

@@ -3,6 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from neuse_bags.convert import main
 from neuse_bags.frames import read_frames, read_odometry
 from neuse_bags.mcap_file import BagReader

@@ -1,8 +1,8 @@
 import pytest
-from neuse_bags.definitions import message_class, message_definition, split_type
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from neuse.errors import BagError
+from neuse_bags.definitions import message_class, message_definition, split_type
 
 
 @pytest.mark.parametrize("name", ["sensor_msgs/msg/CameraInfo", "visualization_msgs/msg/MarkerArray"])

@@ -4,9 +4,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from neuse_bags.folder import open_folder, read_tum
 
 from neuse.errors import InputError
+from neuse_bags.folder import open_folder, read_tum
 
 Folder = Callable[..., Path]
 

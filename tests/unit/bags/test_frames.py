@@ -2,15 +2,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+from neuse.errors import BagError, InputError
+from neuse.geometry import exp
+from neuse.records import OdometrySample, RgbdFrame
 from neuse_bags import topics
 from neuse_bags.conversions import camera_info_to_msg, depth_to_msg, mask_to_msg
 from neuse_bags.frames import OdometryTrack, read_frames, read_odometry, write_frame
 from neuse_bags.mcap_file import BagReader, BagWriter
 from neuse_encoder_node.conversions import header_to_msg, instances_to_msg
-
-from neuse.errors import BagError, InputError
-from neuse.geometry import exp
-from neuse.records import OdometrySample, RgbdFrame
 
 
 def _read(path: Path) -> tuple[list[RgbdFrame], list[InputError]]:

@@ -7,9 +7,6 @@ from mcap.well_known import Profile
 from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from nav_msgs.msg import Odometry
-from neuse_bags import topics
-from neuse_bags.mcap_file import BagReader, BagWriter
-from neuse_bags.qos import RELIABLE
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader, StoragePlugin
@@ -17,6 +14,9 @@ from rosbags.rosbag2 import Writer as FolderWriter
 from rosbags.typesys import Stores, get_typestore
 
 from neuse.errors import BagError
+from neuse_bags import topics
+from neuse_bags.mcap_file import BagReader, BagWriter
+from neuse_bags.qos import RELIABLE
 
 
 def _image_pixels(message) -> np.ndarray:

@@ -1,8 +1,9 @@
 import pytest
-from neuse_bags.qos import LATCHED, RELIABLE, SENSOR, qos_from_rosbags, qos_to_yaml
 from rclpy.duration import Duration
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.rosbag2.metadata import parse_qos
+
+from neuse_bags.qos import LATCHED, RELIABLE, SENSOR, qos_from_rosbags, qos_to_yaml
 
 
 def _round_trip(profile: QoSProfile) -> QoSProfile:

@@ -1,0 +1,180 @@
+"""The in-process pipeline over a bag, recorded and read back for the evaluation."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from neuse.embedding.code import Code
+from neuse.errors import BagError, InputError
+from neuse.geometry import exp, make_transform
+from neuse.pipeline import PipelineResult
+from neuse.records import (
+    ChangeKind,
+    Edge,
+    EdgeKind,
+    Keyframe,
+    MapObject,
+    MatchStatus,
+    ObjectChange,
+    ObjectMap,
+    ObjectStatus,
+    Observation,
+    ObservedFrame,
+    OdometrySample,
+    RgbdFrame,
+    TrackedFrame,
+    TrackedObservation,
+)
+from neuse_bags import topics
+from neuse_bags.mcap_file import BagReader, BagWriter
+from neuse_bags.recording import read_estimate
+from neuse_bags.run import run_pipeline
+
+CODE = Code("mug", False, np.arange(24.0).reshape(8, 3), np.full(8, 8**-0.5), np.full(6, 0.1))
+SIXTH = exp([0.1, 0.2, 0.3, 1.0, 2.0, 3.0])
+COVARIANCE = np.diag([1e-4, 2e-4, 3e-4, 4e-4, 5e-4, 6e-4])
+
+
+class MadeUpPipeline:
+    """Answers every frame with known results; its own `slam` and `mapper`."""
+
+    def __init__(self) -> None:
+        self.slam = self.mapper = self
+        self.keyframes: list[Keyframe] = []
+        self.odometry: list[OdometrySample | None] = []
+        self.changes: tuple[ObjectChange, ...] = ()
+        self.object_map = ObjectMap(0)
+
+    def step(self, frame: RgbdFrame, odometry: OdometrySample | None) -> PipelineResult:
+        number = len(self.odometry)
+        self.odometry.append(odometry)
+        if number == 1:
+            raise InputError("made_up", "this frame is refused")
+        self.keyframes.append(Keyframe(number, frame.stamp_ns, exp(np.full(6, 0.05 * number))))
+        self.object_map = ObjectMap(frame.stamp_ns, (_map_object(frame.stamp_ns),))
+        tracked = _tracked(frame, number, self.keyframes[-1].T_map_camera)
+        change = ObjectChange(frame.stamp_ns, ChangeKind.ADDED, 4, "mug", None, SIXTH)
+        return PipelineResult(
+            ObservedFrame(frame.stamp_ns, (_observation(),), frame.intrinsics, frame.depth_m[::4, ::4]),
+            tracked,
+            (change,) if number == 2 else (),
+            {"encode": 10.0 + number, "encode_per_object": 5.0, "slam": 2.0, "map": 1.0},
+        )
+
+    def finalize(self) -> tuple[ObjectChange, ...]:
+        return (
+            ObjectChange(self.object_map.stamp_ns, ChangeKind.MOVED, 1, "mug", SIXTH, np.eye(4), merged_id=4),
+        )
+
+    def mesh(self, object_id: int) -> None:
+        raise InputError("unknown_object", "no shapes here")
+
+
+def _observation() -> Observation:
+    return Observation(7, 0.9, CODE, np.ones((4, 3), np.float32), np.zeros(3), 42)
+
+
+def _map_object(stamp_ns: int) -> MapObject:
+    center = SIXTH[:3, 3]
+    return MapObject(4, "mug", ObjectStatus.ADDED, SIXTH, center, np.full(3, 0.1), CODE, 1, stamp_ns, 3)
+
+
+def _tracked(frame: RgbdFrame, number: int, T_map_camera: np.ndarray) -> TrackedFrame:
+    edge = Edge(number - 1, number, 1, frame.stamp_ns, EdgeKind.SHORT_RANGE, SIXTH, COVARIANCE, (4,), 0.002)
+    return TrackedFrame(
+        stamp_ns=frame.stamp_ns,
+        T_map_camera=T_map_camera @ make_transform(np.eye(3), [0.01, 0, 0]),
+        covariance=COVARIANCE,
+        observations=(TrackedObservation(_observation(), MatchStatus.MATCHED, 4),),
+        intrinsics=frame.intrinsics,
+        coarse_depth_m=frame.depth_m[::4, ::4],
+        keyframe_id=number,
+        odometry_only=number == 3,
+        edges=(edge,) if number else (),
+        rejected_edges=number,
+    )
+
+
+@pytest.fixture
+def ran(
+    frames_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> tuple[Path, MadeUpPipeline, dict]:
+    monkeypatch.setattr("neuse_bags.run_recorder.MarkerBoard", _NoMarkers)
+    monkeypatch.setattr("neuse_bags.run_recorder.map_points", lambda *_: (np.zeros((0, 3)), np.zeros((0, 3))))
+    pipeline, path = MadeUpPipeline(), tmp_path / "recording.mcap"
+    with BagReader(frames_bag) as bag, BagWriter(path) as writer:
+        faults = run_pipeline(bag, writer, pipeline)
+    return path, pipeline, dict(faults)
+
+
+class _NoMarkers:
+    def draw(self, *_: object) -> list:
+        return []
+
+
+def test_every_frame_meets_its_own_odometry(ran, frames: list[RgbdFrame]) -> None:
+    _, pipeline, _ = ran
+    assert [sample.stamp_ns for sample in pipeline.odometry] == [frame.stamp_ns for frame in frames]
+
+
+def test_refused_frame_is_counted_and_the_run_goes_on(ran) -> None:
+    path, _, faults = ran
+    assert faults == {"made_up": 1}
+    assert len(read_estimate(path).frames) == 4
+
+
+def test_recording_has_every_topic_of_the_nodes(ran) -> None:
+    with BagReader(ran[0]) as bag:
+        counts = {name: topic.n_messages for name, topic in bag.topics.items()}
+    assert set(counts) == {topic.name for topic in topics.OUTPUT_TOPICS}
+    assert min(counts.values()) > 0
+
+
+def test_estimate_is_what_the_pipeline_gave(ran, frames: list[RgbdFrame]) -> None:
+    path, pipeline, _ = ran
+    estimate = read_estimate(path)
+    assert [frame.stamp_ns for frame in estimate.frames] == [f.stamp_ns for f in (frames[0], *frames[2:])]
+    assert [frame.blind for frame in estimate.frames] == [False, False, True, False]
+    assert estimate.rejected_edges == 2 + 3 + 4
+    for found, keyframe in zip(estimate.keyframes, pipeline.keyframes, strict=True):
+        np.testing.assert_allclose(found.T_map_camera, keyframe.T_map_camera, atol=1e-12)
+    assert [edge.to_id for edge in estimate.edges] == [2, 3, 4]
+    np.testing.assert_allclose(estimate.edges[0].T_from_to, SIXTH, atol=1e-12)
+    np.testing.assert_allclose(estimate.edges[0].covariance, COVARIANCE, atol=1e-15)
+
+
+def test_reports_that_a_later_move_supersedes_are_not_counted(ran) -> None:
+    (move,) = read_estimate(ran[0]).changes
+    assert (move.kind, move.object_id, move.merged_id) == (ChangeKind.MOVED, 1, 4)
+
+
+def test_final_map_comes_last_and_stamps_of_maps_increase(ran, frames: list[RgbdFrame]) -> None:
+    maps = read_estimate(ran[0]).maps
+    assert [m.stamp_ns for m in maps] == [frames[0].stamp_ns, frames[2].stamp_ns, frames[4].stamp_ns]
+    np.testing.assert_allclose(maps[-1].objects[0].code.z, CODE.z)
+
+
+def test_stage_times_are_means_over_the_frames(ran) -> None:
+    stage_ms = read_estimate(ran[0]).stage_ms
+    assert stage_ms["encode"] == pytest.approx(np.mean([10, 12, 13, 14]), abs=1e-3)
+    assert stage_ms["encode_per_object"] == pytest.approx(5.0, abs=1e-3)
+
+
+def test_bag_that_is_no_recording_is_refused(frames_bag: Path, tmp_path: Path) -> None:
+    with pytest.raises(BagError, match="lacks /neuse/frames"):
+        read_estimate(frames_bag)
+    with BagWriter(tmp_path / "empty.mcap") as writer:
+        topics.declare(writer, topics.OUTPUT_TOPICS)
+    with pytest.raises(BagError, match="did the run see any frame"):
+        read_estimate(tmp_path / "empty.mcap")
+
+
+def test_two_runs_record_the_same(ran, frames_bag: Path, tmp_path: Path) -> None:
+    again = tmp_path / "again.mcap"
+    with BagReader(frames_bag) as bag, BagWriter(again) as writer:
+        run_pipeline(bag, writer, MadeUpPipeline())
+    timeless = [topic.name for topic in topics.OUTPUT_TOPICS if topic is not topics.DIAGNOSTICS]
+    with BagReader(ran[0]) as first, BagReader(again) as second:
+        for a, b in zip(first.messages(timeless), second.messages(timeless), strict=True):
+            assert (a.topic, a.stamp_ns, a.decode()) == (b.topic, b.stamp_ns, b.decode())

@@ -1,0 +1,113 @@
+"""Simulated bags: a few frames of a made-up world around a change, with all their ground truth."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from neuse.geometry import exp, make_transform
+from neuse.records import ChangeKind, ObjectChange, OdometrySample, RgbdFrame
+from neuse.simulation.shapes import make_shape
+from neuse.simulation.worlds import SimulatedFrame, TrueObject
+from neuse_bags import topics
+from neuse_bags.frames import read_frames, read_odometry
+from neuse_bags.mcap_file import BagReader, BagWriter
+from neuse_bags.recording import read_truth
+from neuse_bags.simulate import CLEARLY_SEEN_PX, TruthWriter, main
+
+HERE, THERE = make_transform(np.eye(3), [0, 0, 0.8]), make_transform(np.eye(3), [1, 0, 0.8])
+SHAPE = make_shape("box", "mug", trimesh.creation.box((0.1, 0.08, 0.12)))
+STAYS, GOES = TrueObject(1, SHAPE, HERE), TrueObject(2, SHAPE, HERE)
+MOVED = replace(GOES, T_world_object=THERE)
+
+
+@pytest.fixture
+def simulated(frames: list[RgbdFrame]) -> list[SimulatedFrame]:
+    """Five frames; before the third, object 2 moves and the second traversal begins."""
+    return [_simulated(index, frame) for index, frame in enumerate(frames)]
+
+
+def _simulated(index: int, frame: RgbdFrame) -> SimulatedFrame:
+    change = ObjectChange(frame.stamp_ns, ChangeKind.MOVED, 2, "mug", HERE, THERE)
+    return SimulatedFrame(
+        frame=frame,
+        T_world_camera=exp(np.full(6, 0.1 * index)),
+        odometry=OdometrySample(frame.stamp_ns, np.eye(4)),
+        objects=(STAYS, GOES if index < 2 else MOVED),
+        visible_px={1: CLEARLY_SEEN_PX, 2: CLEARLY_SEEN_PX - (index == 4)},
+        changes=(change,) if index == 2 else (),
+        traversal=int(index >= 2),
+    )
+
+
+@pytest.fixture
+def truth_bag(simulated: list[SimulatedFrame], tmp_path: Path) -> Path:
+    path = tmp_path / "truth.mcap"
+    with BagWriter(path) as writer:
+        topics.declare(writer, topics.TRUTH_TOPICS)
+        truth = TruthWriter(writer)
+        for one in simulated:
+            truth.add(one)
+        truth.finish()
+    return path
+
+
+def test_true_path_changes_and_traversals_are_read_back(
+    truth_bag: Path, simulated: list[SimulatedFrame]
+) -> None:
+    truth = read_truth(truth_bag)
+    assert truth is not None
+    np.testing.assert_allclose(
+        truth.trajectory.T_frame_camera, [one.T_world_camera for one in simulated], atol=1e-12
+    )
+    assert truth.traversal_starts_ns == (simulated[0].frame.stamp_ns, simulated[2].frame.stamp_ns)
+    (change,) = truth.changes
+    assert (change.kind, change.object_id, change.stamp_ns) == (
+        ChangeKind.MOVED,
+        2,
+        simulated[2].frame.stamp_ns,
+    )
+    np.testing.assert_allclose(change.T_map_after, THERE, atol=1e-12)
+
+
+def test_map_is_there_at_the_start_after_the_change_and_at_the_end(truth_bag: Path) -> None:
+    truth = read_truth(truth_bag)
+    assert truth is not None
+    places = [[item.T_world_object[0, 3] for item in one.objects] for one in truth.maps]
+    assert places == [[0, 0], [0, 1], [0, 1]]
+    np.testing.assert_allclose(truth.maps[0].objects[0].box_size, [0.1, 0.08, 0.12], atol=1e-12)
+
+
+def test_sightings_count_clear_views_at_the_present_place_alone(truth_bag: Path) -> None:
+    truth = read_truth(truth_bag)
+    assert truth is not None
+    assert [[item.n_seen for item in one.objects] for one in truth.maps] == [[0, 0], [2, 0], [5, 2]]
+
+
+def test_bag_without_true_poses_has_no_truth(frames_bag: Path) -> None:
+    assert read_truth(frames_bag) is None
+
+
+@pytest.mark.slow
+def test_command_writes_a_bag_of_frames_odometry_and_truth(tmp_path: Path, capsys) -> None:
+    out = tmp_path / "tabletop.mcap"
+    assert main(["tabletop", "--seed", "3", "--frames", "2", "--out", str(out)]) == 0
+    with BagReader(out) as bag:
+        frames = list(read_frames(bag, pytest.fail))
+        assert len(frames) == 2
+        assert read_odometry(bag).at(0) is not None
+        assert bag.topics["/color/image"].n_messages == 2
+    assert f"{out}: 2 frames" in capsys.readouterr().out
+    truth = read_truth(out)
+    assert truth is not None
+    assert len(truth.final_objects()) == 12
+
+
+def test_unknown_preset_is_told_in_one_line(tmp_path: Path, capsys) -> None:
+    assert main(["nowhere", "--out", str(tmp_path / "a.mcap")]) == 2
+    errors = capsys.readouterr().err.strip().splitlines()
+    assert len(errors) == 1
+    assert "unknown preset 'nowhere'; known: tabletop" in errors[0]
+    assert not (tmp_path / "a.mcap").exists()
