@@ -1,5 +1,4 @@
-"""The whole system in one process: one step a frame, top to bottom; no ROS, no threads, repeatable to the
-last digit."""
+"""The whole system in one process, one step a frame: no ROS, no threads, repeatable to the last digit."""
 
 import time
 from dataclasses import dataclass, field

@@ -77,8 +77,7 @@ class Observation:
 
 @dataclass(frozen=True)
 class Rejection:
-    """An instance or a frame that was not used: `reason` is a short key for counters, `detail` one line for
-    people."""
+    """Something that was not used: `reason` is a key for counters, `detail` a line for people."""
 
     reason: str
     detail: str

@@ -31,8 +31,7 @@ class Code:
     z: (k, 3) float64 latent points, metres, in the frame of the encoded cloud.
     descriptor: (k,) float64, unit length, invariant to pose; compare by the dot product.
     sigmas: (6,) float64, standard deviations of the object's rigid frame, rotation first (rad), then
-    translation (m),
-        along the object frame's axes; for ambiguous objects the third (about the axis) is pi.
+        translation (m), along the object frame's axes; the third (about the axis) is pi if ambiguous.
     """
 
     category: str
@@ -59,8 +58,7 @@ class Code:
 
     @property
     def T_frame_object(self) -> Array:
-        """(4, 4) pose of the object frame: p_frame = T_frame_object @ p_object; x is arbitrary if
-        ambiguous."""
+        """(4, 4) pose of the object frame, p_frame = T_frame_object @ p_object; any x if ambiguous."""
         return make_transform(_orthonormal(self.axes, self.ambiguous), self.center)
 
     def transformed(self, T_target_source: Array) -> "Code":

@@ -82,8 +82,7 @@ def pool_vectors(weights: Tensor, vectors: Tensor) -> Tensor:
 
 
 class Encoder(nn.Module):
-    """f_theta of NeuSE eq. 2, exactly SO(3)-equivariant; the caller subtracts the partial centre and adds it
-    back."""
+    """f_theta of NeuSE eq. 2 on a centred cloud (the caller adds the partial centre back)."""
 
     def __init__(self, config: EncoderConfig, ambiguous: bool) -> None:
         super().__init__()

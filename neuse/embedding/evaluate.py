@@ -52,8 +52,7 @@ RECONSTRUCTIONS = 60
 def evaluate(
     embeddings: Mapping[str, Embedding], shapes: Mapping[str, Sequence[Shape]], n_scenes: int, seed: int = 0
 ) -> dict[str, Any]:
-    """All figures by condition; the pairs are those of n_scenes scenes of 2 mugs and 2 bottles in 6 views
-    each."""
+    """All figures by condition, from scenes of 2 mugs and 2 bottles in 6 views each."""
     rng = np.random.default_rng([SPLIT_SEEDS["test"], seed])
     scenes = draw_sightings(shapes, embeddings, CONDITIONS, n_scenes, 6, rng)
     errors: dict[str, dict[str, list[PairError]]] = {c.name: {g: [] for g in GROUPS} for c in CONDITIONS}

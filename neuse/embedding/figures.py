@@ -35,8 +35,7 @@ class PairError:
 
 
 def pair_errors(sightings: Sequence[Sighting], n_each: dict[str, int]) -> list[PairError]:
-    """Errors over all pairs of views of a scene, aligning the first `n_each[category]` common objects
-    jointly."""
+    """Errors over all pairs of views of a scene; the first `n_each[category]` common objects jointly."""
     errors = []
     by_view: dict[int, dict[int, Sighting]] = {}
     for sighting in sightings:

@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 SCALES = (0.24, 0.12, 0.06)  # standard deviations in network units (0.1 m), each half of the one before
-FLOOR = 0.02
+FLOOR = 0.02  # added to the trace of a covariance, in squared scales
 CHUNK = 8  # clouds at a time: their pairwise distances fit the cache
 N_VECTORS = 1 + 3 * len(SCALES)
 N_INVARIANTS = 1 + 6 * len(SCALES)
@@ -20,9 +20,8 @@ def local_geometry(points: Tensor, n_anchors: int) -> tuple[Tensor, Tensor]:
     knows the normal).
 
     Args:
-        points: (B, N, 3) centred clouds in network units; in float64 the features, which are differences of
-        nearly
-            equal moments, turn with the cloud to seven digits, in float32 to about four.
+        points: (B, N, 3) centred clouds in network units; the features are differences of nearly
+            equal moments, so that in float64 they turn with the cloud to seven digits, in float32 to four.
     Returns:
         vectors (B, M, 3, N_VECTORS): x and per scale m, C x, C C x;  invariants (B, M, N_INVARIANTS).
     """

@@ -1,5 +1,4 @@
-"""Encoder and decoder of one category, and the weights file that holds them (safetensors: data only, nothing
-runs)."""
+"""Encoder and decoder of one category, and their weights file (safetensors: data only, nothing runs)."""
 
 import dataclasses
 import json
@@ -46,8 +45,7 @@ class Network(nn.Module):
         return self.encoder(*local_geometry(points, n_anchors or self.config.n_anchors))
 
     def latent(self, encoding: Encoding) -> Tensor:
-        """z_0 of the paper: (B, 3, k) landmarks c + E a_j, then the free points; relative to the partial
-        centre."""
+        """(B, 3, k) z_0 of the paper, about the partial centre: landmarks c + E a_j, then free points."""
         center, axes = encoding.frame[..., :1], encoding.frame[..., 1:]
         return torch.cat([center + axes @ self.template.T, encoding.free], -1)
 

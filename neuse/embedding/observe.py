@@ -1,5 +1,4 @@
-"""The front end: a segmented depth image to observed objects, all objects of a category in one forward
-pass."""
+"""The front end: a segmented depth image to observed objects, one forward pass a category."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -165,8 +164,7 @@ def back_project(
 
 
 def coarse_depth(depth_m: np.ndarray, width: int, height: int) -> np.ndarray:
-    """(height, width) float32 thumbnail of readings (no averages: an average is on no surface); 0 = no
-    reading."""
+    """(height, width) float32 thumbnail of single readings, since a mean is on no surface; 0 = none."""
     rows = ((np.arange(height) + 0.5) * depth_m.shape[0] / height).astype(int)
     columns = ((np.arange(width) + 0.5) * depth_m.shape[1] / width).astype(int)
     sampled = depth_m[np.ix_(rows, columns)].astype(np.float32)

@@ -1,5 +1,4 @@
-"""Test scenes as a camera sees them: two mugs and two bottles from several poses, through the front end in
-use."""
+"""Test scenes through the front end in use: two mugs and two bottles from several poses."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -70,8 +69,7 @@ def draw_sightings(
     n_views: int,
     rng: np.random.Generator,
 ) -> Iterator[tuple[Condition, list[Sighting]]]:
-    """All sightings of one scene after the other, under each condition; conditions of one range share
-    poses."""
+    """All sightings of scene after scene, by condition; conditions of one range share the poses."""
     observer = Observer(embeddings=embeddings)
     for index in range(n_scenes):
         chosen = [

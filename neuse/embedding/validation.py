@@ -32,8 +32,7 @@ def decode_all(network: Network, encoding: Encoding, batch: Batch, chunk: int = 
 
 
 def validate(network: Network, views: ViewSet, n_views: int = 1024) -> dict[str, float]:
-    """Medians of single-view errors (deg, mm), descriptor equal error rate and occupancy IoU on held-out
-    views."""
+    """Medians of single-view errors (deg, mm), equal error rate and occupancy IoU on held-out views."""
     network.eval()
     encoding, batch = encode_all(network, views, n_views)
     error = frame_error(encoding.frame, batch.target, network.ambiguous)
@@ -64,8 +63,7 @@ def _percentile(values: np.ndarray, q: float) -> float:
 
 
 def equal_error_rate(descriptor: np.ndarray, shape: np.ndarray) -> float:
-    """Where as many pairs of one shape are refused as pairs of different shapes are accepted; (n, k),
-    (n,)."""
+    """The share of like pairs refused where as many unlike ones are accepted; from (n, k) and (n,)."""
     similarity = descriptor @ descriptor.T
     upper = np.triu_indices(len(shape), 1)
     same = (shape[:, None] == shape[None])[upper]

@@ -198,8 +198,7 @@ def draw_view(layout: Layout, rng: np.random.Generator, params: ViewParams) -> d
 
 
 def draw_camera(elevation: float, range_m: float, rng: np.random.Generator) -> Array:
-    """T_camera_world of a camera at this range and elevation that has the world's origin somewhere in its
-    image."""
+    """T_camera_world at this range and elevation, with the world's origin somewhere in the image."""
     azimuth, roll = rng.uniform(0, 2 * np.pi), rng.uniform(-0.3, 0.3)
     aim = Rotation.from_euler("yx", rng.uniform([-0.35, -0.25], [0.35, 0.25]))  # origin off the image centre
     look = Rotation.from_euler("ZX", [azimuth, -np.pi / 2 - elevation])  # optical z towards the origin
