@@ -42,7 +42,7 @@ class Pipeline:
         self._feedback = ChangeFeedback(self.params.feedback_delay_s)
 
     def step(self, frame: RgbdFrame, odometry: OdometrySample | None = None) -> PipelineResult:
-        """Encode, localise, map; changes reach the tracker with the delay that they have between processes."""
+        """Encode, localise, map; changes reach the tracker as late as they do between processes."""
         started = time.perf_counter()
         observed = self.observer.observe(frame)
         encoded = time.perf_counter()
