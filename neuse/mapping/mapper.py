@@ -4,11 +4,9 @@ from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
 import trimesh
 
 from neuse.errors import InputError
-from neuse.geometry import transform_points
 from neuse.mapping.change_detection import ChangeDetector, ChangeParams, Move, settled_changes
 from neuse.mapping.evidence import Evidence
 from neuse.mapping.free_space import FreeSpaceParams
@@ -16,7 +14,7 @@ from neuse.mapping.keyframe_memory import KeyframeMemory, SeenKeyframe
 from neuse.mapping.map_file import load_map, restore, save_map, snapshot
 from neuse.mapping.newcomers import Judge, NewcomerParams, Origin
 from neuse.mapping.object_graph import LayoutParams
-from neuse.mapping.object_library import LibraryParams, ObjectLibrary, ObjectRecord, make_view
+from neuse.mapping.object_library import LibraryParams, ObjectLibrary, ObjectRecord, associated, make_view
 from neuse.mapping.presence import Presence
 from neuse.mapping.reconstruction import MeshCache, Reconstruct
 from neuse.mapping.upkeep import UpkeepParams
@@ -132,7 +130,7 @@ class ObjectMapper:
     def _update_objects(self, frame: TrackedFrame) -> None:
         """Add the frame's views to the objects it saw; unknown ids become newcomers."""
         keyframe_id, T_keyframe_camera = self._memory.reference(frame)
-        for object_id, tracked in sorted(self._associated(frame).items()):
+        for object_id, tracked in sorted(associated(frame, self._library).items()):
             seen = tracked.observation
             record = self._library.records.get(object_id) or self._create(object_id, frame, tracked)
             if frame.keyframe_id != NO_ID:
@@ -144,24 +142,6 @@ class ObjectMapper:
                 count = self._params.library.points_per_view
                 view = make_view(seen.code, seen.cloud, T_keyframe_camera, seen.touches_border, count)
                 record.add_view(keyframe_id, view, self._params.library.max_views)
-
-    def _associated(self, frame: TrackedFrame) -> dict[int, TrackedObservation]:
-        """Observations by lasting object id; of several for one object the one nearest to its place."""
-        associated: dict[int, TrackedObservation] = {}
-        for tracked in frame.observations:
-            if tracked.status not in (MatchStatus.MATCHED, MatchStatus.NEW):
-                continue
-            object_id = self._library.resolve(tracked.object_id)
-            rival = associated.get(object_id)
-            if rival is None or self._misfit_m(tracked, frame) < self._misfit_m(rival, frame):
-                associated[object_id] = tracked
-        return associated
-
-    def _misfit_m(self, tracked: TrackedObservation, frame: TrackedFrame) -> float:
-        """Distance of an observation from the place of its object."""
-        record = self._library.find(tracked.object_id)
-        center = transform_points(frame.T_map_camera, tracked.observation.code.center)
-        return 0.0 if record is None else float(np.linalg.norm(record.center - center))
 
     def _create(self, object_id: int, frame: TrackedFrame, tracked: TrackedObservation) -> ObjectRecord:
         category = tracked.observation.code.category

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from neuse.embedding.code import Code
-from neuse.geometry import Array, transform_points
+from neuse.geometry import Array, inverse, transform_points
 from neuse.mapping.keyframe_memory import most_redundant
 from neuse.params import CheckedParams, param
-from neuse.records import ObjectStatus
+from neuse.records import MatchStatus, ObjectStatus, TrackedFrame, TrackedObservation
 
 _FLIP_SCALE_M = 0.02  # views whose landmarks lie this far from the average count half
 _TRUSTED_SHARE = 0.8  # the farthest points of a view may be of another surface
@@ -193,3 +193,23 @@ class ObjectLibrary:
         for record in self:
             if not keyframe_ids.isdisjoint(record.views):
                 record.invalidate()
+
+
+def associated(frame: TrackedFrame, library: ObjectLibrary) -> dict[int, TrackedObservation]:
+    """A frame's observations by lasting object id; of several for one object the one nearest to its place."""
+    nearest: dict[int, TrackedObservation] = {}
+    for tracked in frame.observations:
+        if tracked.status not in (MatchStatus.MATCHED, MatchStatus.NEW):
+            continue
+        object_id = library.resolve(tracked.object_id)
+        record, rival = library.records.get(object_id), nearest.get(object_id)
+        if rival is None or _misfit_m(tracked, record, frame) < _misfit_m(rival, record, frame):
+            nearest[object_id] = tracked
+    return nearest
+
+
+def _misfit_m(tracked: TrackedObservation, record: ObjectRecord | None, frame: TrackedFrame) -> float:
+    """Distance of an observation from the place of its object; from the camera if the object has none yet."""
+    center = tracked.observation.code.center
+    place = np.zeros(3) if record is None else transform_points(inverse(frame.T_map_camera), record.center)
+    return float(np.linalg.norm(center - place))

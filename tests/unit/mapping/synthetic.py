@@ -6,6 +6,7 @@ an id never moves, and an object met at a new place becomes a new id. What fails
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -22,6 +23,7 @@ from neuse.records import (
     Keyframe,
     MatchStatus,
     ObjectChange,
+    ObjectStatus,
     Observation,
     TrackedFrame,
     TrackedObservation,
@@ -313,3 +315,58 @@ def lying(thing: Thing) -> Thing:
     T[:3, :3] = Rotation.from_euler("y", 90, degrees=True).as_matrix()
     T[2, 3] = TABLE_HEIGHT_M + thing.radius_m
     return replace(thing, T_world_object=T)
+
+
+Edit = Callable[[World], None]
+
+
+def five_things() -> list[Thing]:
+    """Two mugs and three bottles on the table."""
+    return [
+        standing("a", -0.25, -0.2),
+        standing("b", 0.25, -0.2, 0.035, 0.14),
+        standing("c", 0.25, 0.25, 0.05, 0.09, category="mug"),
+        standing("d", -0.25, 0.2, 0.03, 0.2),
+        standing("e", 0.0, 0.02, 0.045, 0.1, category="mug"),
+    ]
+
+
+def make_world(things: list[Thing] | None = None, mapper: ObjectMapper | None = None, **kwargs: Any) -> World:
+    """The five things, or others, and a fresh mapper."""
+    return World(mapper or ObjectMapper(RECONSTRUCT), five_things() if things is None else things, **kwargs)
+
+
+def revisit(world: World, *edits: Edit, count: int = 16) -> list[tuple[ChangeKind, str]]:
+    """Two tours around the table with edits between; the changes as (kind, true name at first sight)."""
+    world.tour(orbit(count=count))
+    first_ids = {object_id: name for name, object_id in world.ids.items()}
+    for edit in edits:
+        edit(world)
+    world.tour(orbit(count=count, start_rad=1.0))
+    changes = world.finish()
+    names = first_ids | {
+        object_id: name for name, object_id in world.ids.items() if object_id not in first_ids
+    }
+    return sorted((change.kind, names[change.object_id]) for change in changes)
+
+
+def swap(first: str, second: str) -> Edit:
+    """Let two things change places."""
+
+    def edit(world: World) -> None:
+        p, q = (world.thing(name).T_world_object[:2, 3] for name in (first, second))
+        world.move(first, *q)
+        world.move(second, *p)
+
+    return edit
+
+
+def assert_map_is_true(world: World, tolerance_m: float = 0.02) -> None:
+    """Every thing is mapped once, at its place, and nothing else is present."""
+    present = [o for o in world.mapper.object_map.objects if o.status != ObjectStatus.REMOVED]
+    places = np.array([thing.T_world_object[:3, 3] for thing in world.things])
+    mapped = np.array([known.T_map_object[:3, 3] for known in present])
+    assert len(present) == len(world.things)
+    distances = np.linalg.norm(places[:, None] - mapped, axis=2)
+    assert distances.min(axis=0).max() < tolerance_m
+    assert distances.min(axis=1).max() < tolerance_m

@@ -10,57 +10,18 @@ from neuse.mapping.mapper import MapperParams, ObjectMapper
 from neuse.params import build, fields, flatten
 from neuse.records import ChangeKind, ObjectStatus
 
-from .synthetic import RECONSTRUCT, World, lying, orbit, standing
+from .synthetic import (
+    RECONSTRUCT,
+    assert_map_is_true,
+    five_things,
+    make_world,
+    orbit,
+    revisit,
+    standing,
+    swap,
+)
 
 ADDED, REMOVED, MOVED = ChangeKind.ADDED, ChangeKind.REMOVED, ChangeKind.MOVED
-
-
-def five_things():
-    return [
-        standing("a", -0.25, -0.2),
-        standing("b", 0.25, -0.2, 0.035, 0.14),
-        standing("c", 0.25, 0.25, 0.05, 0.09, category="mug"),
-        standing("d", -0.25, 0.2, 0.03, 0.2),
-        standing("e", 0.0, 0.02, 0.045, 0.1, category="mug"),
-    ]
-
-
-def make_world(things=None, mapper=None, **kwargs):
-    return World(mapper or ObjectMapper(RECONSTRUCT), five_things() if things is None else things, **kwargs)
-
-
-def revisit(world, *edits, count=16):
-    """Two tours around the table with edits between; the changes as (kind, true name at first sight)."""
-    world.tour(orbit(count=count))
-    first_ids = {object_id: name for name, object_id in world.ids.items()}
-    for edit in edits:
-        edit(world)
-    world.tour(orbit(count=count, start_rad=1.0))
-    changes = world.finish()
-    names = first_ids | {
-        object_id: name for name, object_id in world.ids.items() if object_id not in first_ids
-    }
-    return sorted((change.kind, names[change.object_id]) for change in changes)
-
-
-def swap(first, second):
-    def edit(world):
-        p, q = (world.thing(name).T_world_object[:2, 3] for name in (first, second))
-        world.move(first, *q)
-        world.move(second, *p)
-
-    return edit
-
-
-def assert_map_is_true(world, tolerance_m=0.02):
-    """Every thing is mapped once, at its place, and nothing else is present."""
-    present = [o for o in world.mapper.object_map.objects if o.status != ObjectStatus.REMOVED]
-    places = np.array([thing.T_world_object[:3, 3] for thing in world.things])
-    mapped = np.array([known.T_map_object[:3, 3] for known in present])
-    assert len(present) == len(world.things)
-    distances = np.linalg.norm(places[:, None] - mapped, axis=2)
-    assert distances.min(axis=0).max() < tolerance_m
-    assert distances.min(axis=1).max() < tolerance_m
 
 
 SCENARIOS = {
@@ -98,79 +59,6 @@ def test_changes_between_two_visits_are_found_and_none_else(edits, expected):
     assert_map_is_true(world)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_missed_masks_change_nothing(seed):
-    missing = np.random.default_rng(seed).random((100, 128)) < 0.4
-    world = make_world(seed=seed, is_missed=lambda frame, name: missing[frame, ord(name[0])])
-    assert revisit(world) == []
-    assert_map_is_true(world)
-
-
-def test_object_that_is_never_detected_again_is_not_removed():
-    world = make_world(is_missed=lambda frame, name: name == "a" and frame >= 16)
-    assert revisit(world) == []
-    assert_map_is_true(world)
-
-
-def test_object_that_only_association_misses_is_seen_by_the_object_graph():
-    world = make_world(is_unmatched=lambda frame, name: name == "c" and frame >= 16)
-    assert revisit(world) == []
-    mug = next(o for o in world.mapper.object_map.objects if o.object_id == world.ids["c"])
-    assert mug.last_seen_ns > 2_500_000_000
-
-
-def test_object_that_an_addition_hides_is_not_removed():
-    world = make_world()
-    world.tour(orbit(count=16))
-    world.add(standing("tall", -0.1, -0.42, 0.11, 0.3))
-    world.tour(orbit(count=16, start_rad=-2.2, turn_rad=1.2))
-    assert [(c.kind, c.object_id) for c in world.finish()] == [(ADDED, world.ids["tall"])]
-
-
-def test_object_first_seen_late_because_it_was_hidden_is_a_discovery():
-    tall = standing("tall", -0.05, -0.38, 0.11, 0.3)
-    world = make_world([*five_things()[1:], tall, standing("behind", -0.05, -0.15, height_m=0.08)])
-    world.tour(orbit(count=8, start_rad=-1.8, turn_rad=0.4))
-    assert "behind" not in world.ids
-    world.tour(orbit(count=16, start_rad=0.5, turn_rad=2.5))
-    assert "behind" in world.ids
-    assert world.finish() == []
-
-
-def test_drift_before_a_loop_closure_changes_nothing():
-    """The second visit starts 20 cm off and is put right after six frames."""
-    off = np.array([0.0, 0.0, 0.03, 0.15, 0.05, 0.12])
-    world = make_world(drift=lambda frame: off if 16 <= frame < 22 else np.zeros(6))
-    world.tour(orbit(count=16))
-    true = orbit(count=16, start_rad=1.0)
-    world.tour(true[:6])
-    world.correct([*[k.T_map_camera for k in world._keyframes[:16]], *true[:6]])
-    world.tour(true[6:])
-    assert world.finish() == []
-    assert_map_is_true(world)
-
-
-def test_removal_is_found_in_spite_of_drift():
-    off = np.array([0.0, 0.0, 0.03, 0.08, 0.03, 0.06])
-    world = make_world(drift=lambda frame: off if frame >= 16 else np.zeros(6))
-    assert revisit(world, lambda w: w.remove("a")) == [(REMOVED, "a")]
-
-
-def test_objects_met_again_under_new_ids_after_a_drift_are_not_changes():
-    """Association fails until the loop closes; the doubles then coincide with the objects and are merged."""
-    off = np.array([0.0, 0.0, 0.03, 0.25, 0.1, 0.2])
-    world = make_world(drift=lambda frame: off if 16 <= frame < 24 else np.zeros(6))
-    world.tour(orbit(count=16))
-    old_ids, world.ids = dict(world.ids), {}
-    true = orbit(count=24, start_rad=1.0)
-    world.tour(true[:8])
-    world.correct([*[k.T_map_camera for k in world._keyframes[:16]], *true[:8]])
-    assert world.changes == []
-    world.ids |= {name: old_ids[name] for name in "abd"}
-    world.tour(true[8:])
-    assert world.finish() == []
-
-
 def test_object_moved_to_another_table_waits_for_its_old_place():
     tables = ((0.0, 0.0, 0.6), (3.0, 0.0, 0.6))
     there = [
@@ -185,45 +73,6 @@ def test_object_moved_to_another_table_waits_for_its_old_place():
     world.tour(orbit(count=12))
     assert [(c.kind, c.object_id) for c in world.changes] == [(MOVED, first_id)]
     assert world.finish() == world.changes
-    assert_map_is_true(world)
-
-
-def test_twin_that_stays_is_not_taken_for_the_one_that_moved():
-    twins = [standing(n, x, y, seed=7) for n, x, y in (("p", -0.25, 0.0), ("q", 0.3, 0.0))]
-    world = make_world([*five_things()[:4], *twins])
-    assert revisit(world, lambda w: w.move("p", 0.0, -0.3)) == [(MOVED, "p")]
-    assert_map_is_true(world)
-
-
-def test_lying_object_that_is_taken_away_is_removed():
-    things = [lying(thing) if thing.name == "a" else thing for thing in five_things()]
-    assert revisit(make_world(things), lambda w: w.remove("a")) == [(REMOVED, "a")]
-
-
-def test_removed_object_that_the_tracker_matches_again_is_added():
-    world = make_world(mapper=ObjectMapper(RECONSTRUCT, MapperParams(changes=ChangeParams(pending_s=0.0))))
-    world.tour(orbit(count=16))
-    a, known = world.thing("a"), (world.ids["a"], world._places["a"])
-    world.remove("a")
-    world.tour(orbit(count=16))
-    world.add(a)
-    world.ids["a"], world._places["a"] = known
-    world.tour(orbit(count=16))
-    assert [(c.kind, c.object_id) for c in world.finish()] == [(REMOVED, known[0]), (ADDED, known[0])]
-    assert_map_is_true(world)
-
-
-def test_second_id_for_an_object_still_seen_is_the_same_object():
-    """Association alternates between two ids for one mug, which looks different under each."""
-    world = make_world()
-    world.tour(orbit(count=12))
-    first_id, place = world.ids["c"], world._places["c"]
-    for T in orbit(count=24, start_rad=0.5):
-        world.ids["c"] = first_id if world.frames % 2 else 77
-        world._places["c"] = place
-        world.step(T)
-    world.ids["c"] = first_id
-    assert world.finish() == []
     assert_map_is_true(world)
 
 

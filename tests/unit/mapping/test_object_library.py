@@ -4,11 +4,25 @@ import numpy as np
 import pytest
 
 from neuse import geometry
-from neuse.geometry import inverse
-from neuse.mapping.object_library import ObjectLibrary, ObjectRecord, View, average_codes, make_view
-from neuse.records import NO_ID, ObjectStatus
+from neuse.geometry import inverse, make_transform
+from neuse.mapping.object_library import (
+    ObjectLibrary,
+    ObjectRecord,
+    View,
+    associated,
+    average_codes,
+    make_view,
+)
+from neuse.records import (
+    NO_ID,
+    MatchStatus,
+    ObjectStatus,
+    Observation,
+    TrackedFrame,
+    TrackedObservation,
+)
 
-from .synthetic import make_code, standing
+from .synthetic import CAMERA, COARSE, make_code, standing
 
 MUG = standing("mug", 0.2, 0.1, category="mug")
 RNG = np.random.default_rng(0)
@@ -142,6 +156,31 @@ def test_moved_object_takes_over_the_newcomers_place():
     assert (here.since_tick, here.last_tick) == (9, 12)
     assert here.views is there.views
     assert library.find(2) is here
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_of_two_observations_for_one_object_the_nearer_to_its_place_counts(first):
+    library = ObjectLibrary()
+    library.records = {1: record(1, poses(1))}
+    library.aliases = {2: 1}
+    right, wrong = library.records[1].center, library.records[1].center + 0.1
+    observations = [tracked(1, right), tracked(2, wrong)]
+    frame = frame_with([observations[first], observations[1 - first]])
+    assert list(associated(frame, library).items()) == [(1, observations[0])]
+
+
+def test_unknown_ids_are_associated_and_observations_without_object_are_not():
+    frame = frame_with([tracked(7, np.ones(3)), tracked(NO_ID, np.ones(3), MatchStatus.UNMATCHED)])
+    assert list(associated(frame, ObjectLibrary())) == [7]
+
+
+def tracked(object_id, center, status=MatchStatus.MATCHED):
+    code = make_code(MUG, make_transform(np.eye(3), center), RNG, 0.0)
+    return TrackedObservation(Observation(0, 1.0, code, np.ones((5, 3)), center, 5000), status, object_id)
+
+
+def frame_with(observations):
+    return TrackedFrame(0, np.eye(4), np.eye(6), tuple(observations), CAMERA, np.ones(COARSE, np.float32))
 
 
 def test_objects_of_different_categories_are_never_similar():

@@ -1,0 +1,82 @@
+"""Newcomers, judged by the whole mapper: duplicates, discoveries and changes."""
+
+import numpy as np
+
+from neuse.records import ChangeKind
+
+from .synthetic import (
+    assert_map_is_true,
+    five_things,
+    make_world,
+    orbit,
+    revisit,
+    standing,
+)
+
+ADDED, REMOVED, MOVED = ChangeKind.ADDED, ChangeKind.REMOVED, ChangeKind.MOVED
+
+
+def test_object_that_only_association_misses_is_seen_by_the_object_graph():
+    world = make_world(is_unmatched=lambda frame, name: name == "c" and frame >= 16)
+    assert revisit(world) == []
+    mug = next(o for o in world.mapper.object_map.objects if o.object_id == world.ids["c"])
+    assert mug.last_seen_ns > 2_500_000_000
+
+
+def test_object_first_seen_late_because_it_was_hidden_is_a_discovery():
+    tall = standing("tall", -0.05, -0.38, 0.11, 0.3)
+    world = make_world([*five_things()[1:], tall, standing("behind", -0.05, -0.15, height_m=0.08)])
+    world.tour(orbit(count=8, start_rad=-1.8, turn_rad=0.4))
+    assert "behind" not in world.ids
+    world.tour(orbit(count=16, start_rad=0.5, turn_rad=2.5))
+    assert "behind" in world.ids
+    assert world.finish() == []
+
+
+def test_drift_before_a_loop_closure_changes_nothing():
+    """The second visit starts 20 cm off and is put right after six frames."""
+    off = np.array([0.0, 0.0, 0.03, 0.15, 0.05, 0.12])
+    world = make_world(drift=lambda frame: off if 16 <= frame < 22 else np.zeros(6))
+    world.tour(orbit(count=16))
+    true = orbit(count=16, start_rad=1.0)
+    world.tour(true[:6])
+    world.correct([*[k.T_map_camera for k in world._keyframes[:16]], *true[:6]])
+    world.tour(true[6:])
+    assert world.finish() == []
+    assert_map_is_true(world)
+
+
+def test_objects_met_again_under_new_ids_after_a_drift_are_not_changes():
+    """Association fails until the loop closes; the doubles then coincide with the objects and are merged."""
+    off = np.array([0.0, 0.0, 0.03, 0.25, 0.1, 0.2])
+    world = make_world(drift=lambda frame: off if 16 <= frame < 24 else np.zeros(6))
+    world.tour(orbit(count=16))
+    old_ids, world.ids = dict(world.ids), {}
+    true = orbit(count=24, start_rad=1.0)
+    world.tour(true[:8])
+    world.correct([*[k.T_map_camera for k in world._keyframes[:16]], *true[:8]])
+    assert world.changes == []
+    world.ids |= {name: old_ids[name] for name in "abd"}
+    world.tour(true[8:])
+    assert world.finish() == []
+
+
+def test_twin_that_stays_is_not_taken_for_the_one_that_moved():
+    twins = [standing(n, x, y, seed=7) for n, x, y in (("p", -0.25, 0.0), ("q", 0.3, 0.0))]
+    world = make_world([*five_things()[:4], *twins])
+    assert revisit(world, lambda w: w.move("p", 0.0, -0.3)) == [(MOVED, "p")]
+    assert_map_is_true(world)
+
+
+def test_second_id_for_an_object_still_seen_is_the_same_object():
+    """Association alternates between two ids for one mug, which looks different under each."""
+    world = make_world()
+    world.tour(orbit(count=12))
+    first_id, place = world.ids["c"], world._places["c"]
+    for T in orbit(count=24, start_rad=0.5):
+        world.ids["c"] = first_id if world.frames % 2 else 77
+        world._places["c"] = place
+        world.step(T)
+    world.ids["c"] = first_id
+    assert world.finish() == []
+    assert_map_is_true(world)
