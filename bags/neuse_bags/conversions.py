@@ -6,15 +6,15 @@ from collections.abc import Iterable
 import numpy as np
 from geometry_msgs.msg import Point, Vector3
 from nav_msgs.msg import Odometry
-from neuse_encoder_node.conversions import header_to_msg
-from neuse_slam_node.conversions import pose_to_msg, transform_from_msg
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
 from neuse.evaluation.truth import TrueObject
 from neuse.geometry import Array
 from neuse.records import Intrinsics
+from neuse_encoder_node.conversions import header_to_msg
 from neuse_msgs.msg import Code, MapObject, ObjectMap
+from neuse_slam_node.conversions import pose_to_msg, transform_from_msg
 
 CAMERA_FRAME = "camera_optical_frame"
 WORLD_FRAME = "world"

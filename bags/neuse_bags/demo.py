@@ -25,15 +25,10 @@ NODES = {
     "slam_node": "neuse_slam_node",
     "mapper_node": "neuse_mapper_node",
 }
-PATIENT = (
-    "--ros-args",
-    "-p",
-    "input_depth:=100",
-    "-p",
-    "queue_size:=1000",
-)  # a bag's frames shall all be used
+PATIENCE = {"queue_size": 1000}  # a bag's frames shall all be used
+ENCODER_PATIENCE = PATIENCE | {"input_depth": 100}
 BETWEEN_NODES = (topics.OBSERVATIONS, topics.FRAMES, topics.EDGES, topics.MAP)
-AWAITED = tuple(topic.name for topic in (*topics.FRAME_TOPICS, topics.ODOMETRY, *BETWEEN_NODES))
+AWAITED = [t.name for t in (*topics.FRAME_TOPICS, topics.ODOMETRY, *BETWEEN_NODES)]
 START_S, END_S = 180.0, 660.0
 
 
@@ -47,7 +42,7 @@ class Graph:
         self._environment = os.environ | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         self._environment.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
 
-    def start(self, package: str, executable: str, *arguments: str | Path) -> subprocess.Popen:
+    def start(self, package: str, executable: str, *arguments: str | Path | float) -> subprocess.Popen:
         """Start an executable of a package, as `ros2 run` does."""
         with (self._logs / f"{executable}.log").open("w") as log:
             self._processes[executable] = subprocess.Popen(
@@ -110,7 +105,7 @@ def record_graph(bag: Path, recording: Path, rate: float, logs: Path) -> None:
             patience = ENCODER_PATIENCE if executable == "encoder_node" else PATIENCE
             graph.start(package, executable, *_ros_arguments(patience))
         graph.start("neuse_bags", "record", "--out", recording, "--overwrite")
-        waiting = ("--wait-for", START_S, "--wait-topics", *AWAITED)
+        waiting = ["--wait-for", str(START_S), "--wait-topics", *AWAITED]
         graph.start("neuse_bags", "play", bag, "--rate", rate, *waiting)
         graph.wait("play")
     print((logs / "play.log").read_text().strip())

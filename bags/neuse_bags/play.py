@@ -12,7 +12,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from threading import Event
 
-from neuse_encoder_node.conversions import stamp_to_msg
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -25,6 +24,7 @@ from neuse_bags.definitions import message_class
 from neuse_bags.mcap_file import BagReader, BagTopic
 from neuse_bags.qos import RELIABLE, SENSOR
 from neuse_bags.topics import FRAME_TOPICS, ODOMETRY
+from neuse_encoder_node.conversions import stamp_to_msg
 
 LATE_S = 0.05
 CLOCK_PERIOD_S = 0.01

@@ -4,15 +4,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from neuse_encoder_node.conversions import stamp_from_msg
-from neuse_mapper_node.conversions import object_map_from_msg
-from neuse_slam_node.conversions import (
-    change_from_msg,
-    keyframes_from_msg,
-    tracked_frame_from_msg,
-    transform_from_msg,
-)
-
 from neuse.errors import BagError
 from neuse.evaluation.estimate import Estimate
 from neuse.evaluation.trajectory import FramePose, Trajectory, trajectory_of
@@ -22,6 +13,14 @@ from neuse.records import ObjectMap
 from neuse_bags import topics
 from neuse_bags.conversions import true_objects_from_msg
 from neuse_bags.mcap_file import BagReader
+from neuse_encoder_node.conversions import stamp_from_msg
+from neuse_mapper_node.conversions import object_map_from_msg
+from neuse_slam_node.conversions import (
+    change_from_msg,
+    keyframes_from_msg,
+    tracked_frame_from_msg,
+    transform_from_msg,
+)
 
 STAGE_PREFIX = "stage_ms/"
 

@@ -2,16 +2,15 @@
 
 from collections import defaultdict
 
-from neuse_encoder_node.conversions import header_to_msg, observed_frame_to_msg
-from neuse_encoder_node.health import Health
-from neuse_mapper_node.conversions import markers_to_msg, object_map_to_msg, points_to_msg
-
 from neuse.mapping.markers import MarkerBoard, map_points
 from neuse.pipeline import Pipeline, PipelineResult
 from neuse.records import NO_ID, ObjectChange
 from neuse_bags import topics
 from neuse_bags.conversions import CAMERA_FRAME
 from neuse_bags.mcap_file import BagWriter
+from neuse_encoder_node.conversions import header_to_msg, observed_frame_to_msg
+from neuse_encoder_node.health import Health
+from neuse_mapper_node.conversions import markers_to_msg, object_map_to_msg, points_to_msg
 from neuse_slam_node import conversions as slam
 
 MAP_FRAME = "map"

@@ -10,7 +10,6 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from neuse_slam_node.conversions import change_to_msg
 from std_msgs.msg import UInt32
 from tqdm import tqdm
 
@@ -23,6 +22,7 @@ from neuse_bags.cli import command_parser, run_command, stop_on_signal
 from neuse_bags.conversions import WORLD_FRAME, odometry_to_msg, true_map_to_msg
 from neuse_bags.frames import write_frame
 from neuse_bags.mcap_file import BagWriter
+from neuse_slam_node.conversions import change_to_msg
 
 CLEARLY_SEEN_PX = 600
 
