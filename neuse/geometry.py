@@ -30,7 +30,7 @@ def inverse(T: Array) -> Array:
 
 
 def renormalized(T: Array) -> Array:
-    """T with its rotation made orthonormal again after many products, which else may drift apart exponentially."""
+    """T with its rotation orthonormal again; rounding grows exponentially in long products with inverses."""
     renormal = T.copy()
     R = T[:3, :3]
     renormal[:3, :3] = R @ (1.5 * np.eye(3) - 0.5 * R.T @ R)  # Newton's step towards the nearest rotation

@@ -2,7 +2,7 @@
 
 A candidate must be alike in shape; the transform to the frame that saw it last maps the observation's partial
 centre there, and the nearest candidate within delta_prox is the match. Unambiguous objects bring their own
-transform, ambiguous ones use that of the matched unambiguous ones, or else of the best pair of ambiguous ones.
+transform, ambiguous ones use that of the matched unambiguous ones, or else of the best pair of them.
 """
 
 from collections.abc import Iterator, Sequence
@@ -63,7 +63,7 @@ class _Search:
             self._accept(tried)
 
     def match_pair_of_ambiguous(self) -> None:
-        """The best of all pairs of ambiguous observations against all pairs of candidates last seen together."""
+        """The best of all pairs of ambiguous observations and pairs of candidates last seen together."""
         tried = [self._hypothesis(pairs) for pairs in self._candidate_pairs()]
         self._accept([hypothesis for hypothesis in tried if hypothesis is not None])
 

@@ -12,6 +12,7 @@ from neuse.geometry import (
     log,
     make_transform,
     quaternion_xyzw,
+    renormalized,
     rotation_angle,
     skew,
     transform_from_quaternion,
@@ -130,3 +131,13 @@ def test_ros_covariance_is_of_the_shift_and_turn_about_the_target_axes():
     sampled = np.cov(np.concatenate([shift, turn], axis=1).T)
     expected = covariance_to_ros(covariance, T)
     np.testing.assert_allclose(sampled, expected, atol=0.1 * np.abs(expected).max())
+
+
+def test_renormalized_transform_is_rigid_and_near():
+    rng = np.random.default_rng(0)
+    T = random_transform(rng)
+    rough = T + 1e-4 * np.pad(rng.normal(size=(3, 3)), (0, 1))
+    R = renormalized(rough)[:3, :3]
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-6)
+    np.testing.assert_allclose(R, T[:3, :3], atol=1e-3)
+    np.testing.assert_array_equal(renormalized(rough)[:3, 3], T[:3, 3])
