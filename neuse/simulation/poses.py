@@ -12,14 +12,16 @@ from neuse.errors import DegenerateGeometryError, InputError
 from neuse.geometry import Array, make_transform
 from neuse.simulation.shapes import Shape
 
+N_TILTS, TILT_RAD = 12, np.radians(20.0)
+ROLL_TOLERANCE = 0.003  # change of height that a bottle's facets make when it rolls, of that height
 LYING_TILT_RAD = np.radians([30.0, 150.0])  # beyond it an object stands, on its bottom or on its head
 
 
 def stable_poses(shape: Shape, rng: np.random.Generator) -> list[tuple[Array, str]]:
-    """Poses T_table_object at rest: upright first, then lying in random order, each at random yaw.
+    """Poses T_table_object at rest: upright first, then lying in random order, at random yaws.
 
-    Lying: on a facet of the convex hull that has the centre of mass above it. The shape's origin is above the
-    table's.
+    Lying: on a facet of the convex hull that has the centre of mass above it and, where there are such facets,
+    from which the shape does not roll away. The shape's origin is above the table's.
     """
     lying = rng.permutation(_lying_rotations(shape))
     kinds = ["upright", *["lying"] * len(lying)]
@@ -57,32 +59,46 @@ def _rest(shape: Shape, R_table_object: Array, yaw_rad: float, xy: ArrayLike) ->
 @lru_cache(maxsize=128)
 def _lying_rotations(shape: Shape) -> Array:
     """(n, 3, 3) R_table_object of the lying poses, z axis of the object above +x, lowest first."""
-    triangles, normals = _hull_triangles(shape.mesh)
-    center = shape.mesh.center_mass
-    distance = ((triangles[:, 0] - center) * normals).sum(axis=1)
-    below_center = center + distance[:, None] * normals
-    tilt = np.arccos(np.clip(-normals[:, 2], -1, 1))
-    lies = (tilt > LYING_TILT_RAD[0]) & (tilt < LYING_TILT_RAD[1])
-    stable = lies & _inside(triangles, normals, below_center)
-    order = np.flatnonzero(stable)[np.argsort(distance[stable], kind="stable")]
-    up = -normals[order]  # table z in the object frame
+    vertices, faces = _hull(shape.mesh)  # relative to the centre of mass
+    down = _resting_directions(vertices[faces])
+    tilt = np.arccos(np.clip(-down[:, 2], -1, 1))
+    down = down[(tilt > LYING_TILT_RAD[0]) & (tilt < LYING_TILT_RAD[1])]
+    steady = _springs_back(down, vertices)
+    down = down[steady] if steady.any() else down
+    up = -down[np.argsort((down @ vertices.T).max(axis=1), kind="stable")]  # table z in the object frame
     ahead = np.array([0.0, 0.0, 1.0]) - up[:, 2:] * up  # table x: the object's axis, made level
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
     return np.stack([ahead, np.cross(up, ahead), up], axis=1)
 
 
-def _hull_triangles(mesh: trimesh.Trimesh) -> tuple[Array, Array]:
-    """Triangles (n, 3, 3) of the convex hull and their outward normals (n, 3), without slivers."""
-    hull = manifold3d.Manifold.hull_points(np.asarray(mesh.vertices, dtype=np.float32)).to_mesh()
-    triangles = np.asarray(hull.vert_properties, dtype=np.float64)[np.asarray(hull.tri_verts)]
+def _hull(mesh: trimesh.Trimesh) -> tuple[Array, np.ndarray]:
+    """Vertices (n, 3) of the convex hull, relative to the mesh's centre of mass, and its triangles (m, 3)."""
+    points = np.asarray(mesh.vertices - mesh.center_mass, dtype=np.float32)
+    hull = manifold3d.Manifold.hull_points(points).to_mesh()
+    return np.asarray(hull.vert_properties, dtype=np.float64), np.asarray(hull.tri_verts)
+
+
+def _resting_directions(triangles: Array) -> Array:
+    """Outward normals (k, 3) of the triangles (m, 3, 3) that have the origin's projection inside."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     doubled_area = np.linalg.norm(normals, axis=1)
-    kept = doubled_area > 1e-9
-    return triangles[kept], normals[kept] / doubled_area[kept, None]
-
-
-def _inside(triangles: Array, normals: Array, points: Array) -> Array:
-    """Which points (n, 3) lie in their own triangle (n, 3, 3), in whose plane they are."""
+    whole = doubled_area > 1e-9
+    triangles, normals = triangles[whole], normals[whole] / doubled_area[whole, None]
+    foot = (triangles[:, 0] * normals).sum(axis=1, keepdims=True) * normals
     edges = np.roll(triangles, -1, axis=1) - triangles
-    sides = np.cross(edges, points[:, None] - triangles)
-    return (np.einsum("fij,fj->fi", sides, normals) >= 0).all(axis=1)
+    sides = np.einsum("fij,fj->fi", np.cross(edges, foot[:, None] - triangles), normals)
+    return normals[(sides >= 0).all(axis=1)]
+
+
+def _springs_back(down: Array, vertices: Array) -> np.ndarray:
+    """From which down directions (k, 3) no tilt brings the centre of mass lower.
+
+    A facet of a round body is an artefact: where the body would roll on, it is no place to rest.
+    """
+    across = np.cross(down, np.eye(3)[np.abs(down).argmin(axis=1)])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    azimuth = np.arange(N_TILTS)[:, None, None] * (2 * np.pi / N_TILTS)
+    sideways = np.cos(azimuth) * across + np.sin(azimuth) * np.cross(down, across)  # (N_TILTS, k, 3)
+    tilted = np.cos(TILT_RAD) * down + np.sin(TILT_RAD) * sideways
+    height, tilted_height = (down @ vertices.T).max(axis=-1), (tilted @ vertices.T).max(axis=-1)
+    return (tilted_height > height - ROLL_TOLERANCE * height).all(axis=0)

@@ -39,6 +39,22 @@ def test_center_of_mass_is_above_the_hull_of_the_contact(shape: Shape) -> None:
         assert np.all((offset @ directions).max(axis=0) > -1e-4)
 
 
+def test_shape_with_a_heavy_side_rolls_onto_it() -> None:
+    body = trimesh.creation.cylinder(radius=0.04, height=0.1, sections=64)
+    weight = trimesh.creation.box([0.03, 0.02, 0.06]).apply_translation([0.045, 0, 0])
+    shape = make_shape("heavy", "mug", trimesh.boolean.union([body, weight]))
+    lying = [T for T, kind in stable_poses(shape, np.random.default_rng(0)) if kind == "lying"]
+    assert {int(np.sign(T[2, 1])) for T in lying} >= {-1, 1}
+    assert all(T[2, 0] < -0.3 for T in lying)
+
+
+def test_bottle_may_lie_on_any_side() -> None:
+    bottle = sample_shape("bottle", np.random.default_rng(7))
+    lying = [T for T, kind in stable_poses(bottle, np.random.default_rng(0)) if kind == "lying"]
+    sides = np.sort([np.arctan2(T[2, 1], T[2, 0]) for T in lying])
+    assert np.diff(sides).max() < 0.3
+
+
 def test_lying_pose_without_a_generator_is_the_lowest(shape: Shape) -> None:
     lying = [T for T, kind in stable_poses(shape, np.random.default_rng(0)) if kind == "lying"]
     heights = [transform_points(T, shape.mesh.center_mass)[2] for T in lying]
