@@ -83,10 +83,12 @@ def make_world(preset: str | WorldPreset, seed: int, meshes: Path | None = None)
         preset: a name in PRESETS, or one's own.
         meshes: folder of meshes that replace the procedural shapes.
     Raises:
-        ParamError: an unknown preset, or one whose objects or changes find no room.
+        ParamError: an unknown preset, one whose objects or changes find no room, or a negative seed.
         MeshError: a mesh in the folder cannot be used.
     """
     preset = _preset(preset)
+    if seed < 0:
+        raise ParamError(f"seed {seed} is negative; choose 0 or more")
     rng = np.random.default_rng([seed, crc32(preset.name.encode())])
     tables = tuple(_jittered_table(table, preset.jitter_m, rng) for table in preset.tables)
     routes = [[_jittered_waypoint(w, preset.jitter_m, rng) for w in route] for route in preset.routes]

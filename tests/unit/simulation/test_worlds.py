@@ -50,6 +50,11 @@ def test_unknown_preset_is_refused_with_the_known_ones():
         make_world("table-top", seed=0)
 
 
+def test_negative_seed_is_refused():
+    with pytest.raises(ParamError, match="seed -1"):
+        make_world(SMALL, seed=-1)
+
+
 def test_world_is_the_same_for_the_same_seed(frames):
     for first, second in zip(frames[:3], simulate(make_world(SMALL, seed=3), stop=3), strict=True):
         assert_equal(first, second)
