@@ -59,6 +59,7 @@ class Pipeline:
             "encode": 1e3 * (encoded - started),
             "encode_per_object": 1e3 * (encoded - started) / n_objects,
             "slam": 1e3 * (localised - encoded),
+            **self.slam.stopwatch.stage_ms,
             "map": 1e3 * (mapped - localised),
         }
         return PipelineResult(observed, tracked, changes, stage_ms)

@@ -36,6 +36,7 @@ from neuse.slam.odometry import OdometryFix, OdometryParams
 from neuse.slam.pose_graph import SolverParams
 from neuse.slam.prediction import Predictor
 from neuse.slam.tracker import Located, ObjectTracker
+from neuse.stopwatch import Stopwatch
 
 Tracks = Sequence[Track | None]  # of each observation of a frame
 
@@ -69,7 +70,7 @@ class SlamParams(CheckedParams):
 class ObjectSlam:
     """Online object SLAM. Not thread-safe: wrap it from outside.
 
-    counters: unusable input since the last reset, by reason.
+    counters: unusable input since the last reset, by reason.    stopwatch: times of the last step.
     """
 
     def __init__(self, params: SlamParams | None = None) -> None:
@@ -80,6 +81,7 @@ class ObjectSlam:
         """Forget everything; the next frame defines a new map frame."""
         params = self.params
         self.counters: Counter[str] = Counter()
+        self.stopwatch = Stopwatch()
         self._tracker = ObjectTracker(params.association, params.instantiation, params.use_ambiguous)
         self._predictor = Predictor(params.odometry, self.counters)
         self._keyframes = KeyframeLibrary(params.keyframes)
@@ -97,11 +99,13 @@ class ObjectSlam:
             InputError: `stamp_backwards`, the frame is not later than the one before.
         """
         self._check_stamp(frame.stamp_ns)
+        self.stopwatch.reset()
         usable = self._usable(frame)
         view = self._view(frame, usable)
         fix, motion, prediction = self._predictor.predict(self._tracker.belief, odometry, frame.stamp_ns)
-        located = self._tracker.locate(view, prediction, motion)
-        tracks, fresh = self._tracker.update(view, [frame.observations[i] for i in usable], located)
+        with self.stopwatch.timed("associate"):
+            located = self._tracker.locate(view, prediction, motion)
+            tracks, fresh = self._tracker.update(view, [frame.observations[i] for i in usable], located)
         edges: list[Edge] = []
         rejected_before = self._edges.rejected
         keyframe = bool(fresh) or located.relocalized or self._keyframes.is_due(located.belief.T_map_camera)
@@ -204,8 +208,9 @@ class ObjectSlam:
         records, tracks = self._keyframes.records, self._tracker.library.tracks
         for key in record.keys.tolist():
             tracks[key].enter_keyframe(record.keyframe_id, self.params.edges.period_gap)
-        short_range = self._edges.short_range(record, records, tracks)
-        closures = self._edges.loop_closures(record, records, tracks)
+        with self.stopwatch.timed("edge"):
+            short_range = self._edges.short_range(record, records, tracks)
+            closures = self._edges.loop_closures(record, records, tracks)
         odometry, guessed = self._predictor.edge(
             records[-1] if records else None, record, [*short_range, *closures]
         )
@@ -214,7 +219,8 @@ class ObjectSlam:
         )
         self._add_sightings(record, fresh)
         records.append(record)
-        self._solve(bool(closures) or located.relocalized)
+        with self.stopwatch.timed("optimise"):
+            self._solve(bool(closures) or located.relocalized)
         return [*odometry, *short_range, *closures]
 
     def _add_sightings(self, record: KeyframeRecord, fresh: Sequence[Track]) -> None:

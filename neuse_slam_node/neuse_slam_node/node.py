@@ -102,6 +102,8 @@ class SlamNode(StageNode):
             self._slam.apply_change(change)
         with self.health.timed("slam"):
             frame = self._slam.step(observed, odometry)
+        for stage, milliseconds in self._slam.stopwatch.stage_ms.items():
+            self.health.add_time(stage, milliseconds / 1e3)
         self._count_faults(stamp_ns)
         self._publish(frame)
         if odometry is not None and self._map_frame is not None:
