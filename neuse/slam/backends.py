@@ -9,7 +9,6 @@ from neuse.geometry import Array, inverse
 from neuse.records import Edge
 from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.library import Track, orthonormal_place
-from neuse.slam.localization import to_map
 from neuse.slam.object_frames import ObjectFrames
 from neuse.slam.pose_graph import PoseGraph, SlidingWindow, SolverParams
 
@@ -112,15 +111,13 @@ class EdgeBackend(_Base):
     def __init__(self, params: SolverParams, window: int) -> None:
         super().__init__(params)
         self.window = SlidingWindow(window, params)
-        self._keys: list[np.ndarray] = []
-        self._seen: list[ObjectFrames] = []
+        self._seen = _Sightings()
 
     def add_keyframe(
         self, record: KeyframeRecord, T_map_camera: Array, ties: Sequence[Edge], closures: Sequence[Edge]
     ) -> None:
         new = record.keyframe_id
-        self._keys.append(record.keys)
-        self._seen.append(record.frames)
+        self._seen.add(record)
         if new == 0:
             self.graph.add_origin(0, T_map_camera)
             self.window.add(0, T_map_camera, [])
@@ -136,21 +133,39 @@ class EdgeBackend(_Base):
         """Nothing: the edges have said it."""
 
     def place_all(self, tracks: Iterable[Track]) -> None:
-        keys = np.concatenate(self._keys)
-        sums, total = (
-            np.zeros((3, int(keys.max(initial=-1)) + 1, 3)),
-            np.zeros((3, int(keys.max(initial=-1)) + 1)),
-        )
-        weights = np.concatenate([1.0 / seen.variances for seen in self._seen], axis=1)
-        placed = [to_map(T, seen.vectors) for T, seen in zip(self.poses, self._seen, strict=True)]
-        vectors = np.concatenate(placed, axis=1)
-        for part in range(3):
-            np.add.at(sums[part], keys, weights[part][:, None] * vectors[part])
-            np.add.at(total[part], keys, weights[part])
+        places = self._seen.places(self.poses)
         for track in tracks:
-            if track.key < sums.shape[1] and total[CENTER, track.key] > 0:
-                mean = sums[:, track.key] / np.maximum(total[:, track.key], 1e-12)[:, None]
-                track.anchored, track.place = True, orthonormal_place(mean)
+            if track.key in places:
+                track.anchored, track.place = True, places[track.key]
+
+
+class _Sightings:
+    """All that keyframes have seen: keys and keyframes (n,), vectors (3, n, 3), weights (3, n)."""
+
+    def __init__(self) -> None:
+        self.keys, self.keyframes = np.zeros(0, np.intp), np.zeros(0, np.intp)
+        self.vectors, self.weights = np.zeros((3, 0, 3)), np.zeros((3, 0))
+
+    def add(self, record: KeyframeRecord) -> None:
+        """What one more keyframe sees."""
+        here = np.full(len(record.keys), record.keyframe_id, dtype=np.intp)
+        self.keys = np.concatenate([self.keys, record.keys])
+        self.keyframes = np.concatenate([self.keyframes, here])
+        self.vectors = np.concatenate([self.vectors, record.frames.vectors], axis=1)
+        self.weights = np.concatenate([self.weights, 1.0 / record.frames.variances], axis=1)
+
+    def places(self, T_map_camera: Array) -> dict[int, Array]:
+        """{track key: (3, 3) place}, weighted means over the keyframes' poses (n, 4, 4)."""
+        T = T_map_camera[self.keyframes]
+        placed = (T[None, :, :3, :3] @ self.vectors[..., None])[..., 0]
+        placed[0] += T[:, :3, 3]
+        known, index = np.unique(self.keys, return_inverse=True)
+        sums, totals = np.zeros((3, len(known), 3)), np.zeros((3, len(known)))
+        for part in range(3):
+            np.add.at(sums[part], index, self.weights[part][:, None] * placed[part])
+            np.add.at(totals[part], index, self.weights[part])
+        means = sums / np.maximum(totals, 1e-12)[..., None]
+        return {int(key): orthonormal_place(means[:, i]) for i, key in enumerate(known)}
 
 
 def lever_points(frames: ObjectFrames, i: int) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from neuse.geometry import Array
 from neuse.records import NO_ID
 from neuse.slam.object_frames import ObjectFrames
 
-MAX_AVERAGED = 50  # sightings over which descriptors and places are averaged
+MAX_AVERAGED = 20  # sightings over which descriptors and places are averaged
 
 
 class Shaped(Protocol):

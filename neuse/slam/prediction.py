@@ -2,7 +2,9 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 
+from neuse.geometry import Array, inverse, renormalized
 from neuse.records import Edge, EdgeKind, OdometrySample
 from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.localization import Belief
@@ -35,6 +37,13 @@ class Predictor:
         """Note the frame's final pose as a start for the next prediction."""
         if fix is not None:
             self._reference = (fix, belief)
+
+    def correct(self, T_map_before: Array, T_map_after: Array) -> None:
+        """The map has moved under the camera: what was at T_map_before is at T_map_after."""
+        if self._reference is not None:
+            fix, belief = self._reference
+            moved = renormalized(T_map_after @ inverse(T_map_before) @ belief.T_map_camera)
+            self._reference = (fix, replace(belief, T_map_camera=moved))
 
     def edge(
         self, last: KeyframeRecord | None, new: KeyframeRecord, ties: Sequence[Edge]

@@ -233,7 +233,9 @@ class ObjectSlam:
         T_last_camera = self._relative_to_last_keyframe()
         self._keyframes.T_map_camera = self._backend.solve(loop_closed)
         self._backend.place_all([track for track in self._tracker.library.active() if track.confirmed])
-        self._tracker.correct(self._keyframes.T_map_camera[-1] @ T_last_camera)
+        T_map_camera = self._keyframes.T_map_camera[-1] @ T_last_camera
+        self._predictor.correct(self._tracker.belief.T_map_camera, T_map_camera)
+        self._tracker.correct(T_map_camera)
 
     def _relative_to_last_keyframe(self) -> Array:
         """T_keyframe_camera of the current frame; identity where it is a new keyframe itself."""

@@ -92,3 +92,12 @@ def test_odometry_only_where_blind_when_so_wished():
     tie, _ = predictor.edge(*records, [])
     assert len(tie) == 1
     assert predictor.edge(*records, tie) == ([], [])
+
+
+def test_prediction_follows_a_correction_of_the_map(predictor):
+    predictor.settle(predictor.predict(START, sample(0), 0)[0], START)
+    correction = exp([0, 0, 0.2, 1, 0, 0])
+    predictor.correct(START.T_map_camera, correction @ START.T_map_camera)
+    _, _, belief = predictor.predict(START, sample(1), FRAME_NS)
+    expected = correction @ START.T_map_camera @ inverse(pose(0)) @ pose(1)
+    np.testing.assert_allclose(belief.T_map_camera, expected)

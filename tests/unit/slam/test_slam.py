@@ -225,6 +225,22 @@ def test_external_edges_are_taken_in_and_counted(steps):
     assert not slam.step(steps[20].frame, steps[20].odometry).odometry_only
 
 
+def test_odometry_goes_on_from_where_an_external_edge_has_moved_the_camera(steps):
+    """A blind camera that is told to stand a metre further is predicted from there."""
+    slam = make_slam()
+    blind = [replace(step.frame, observations=()) for step in steps[:4]]
+    for frame, step in zip(blind[:3], steps, strict=False):
+        slam.step(frame, step.odometry)
+    T = inverse(steps[0].T_world_camera) @ steps[2].T_world_camera @ exp([0, 0, 0, 1.0, 0, 0])
+    start, end = blind[0].stamp_ns, blind[2].stamp_ns
+    slam.add_external_edges([Edge(0, 0, start, end, EdgeKind.EXTERNAL, T, 1e-10 * np.eye(6))])
+    moved = slam.trajectory()[-1][1]
+    frame = slam.step(blind[3], steps[3].odometry)
+    step = inverse(steps[2].odometry.T_odom_camera) @ steps[3].odometry.T_odom_camera
+    assert moved[0, 3] - slam.trajectory()[0][1][0, 3] > 0.3
+    np.testing.assert_allclose(frame.T_map_camera, moved @ step, atol=1e-6)
+
+
 def test_external_edges_before_the_first_frame_are_refused():
     edge = Edge(0, 0, 1, 2, EdgeKind.EXTERNAL, np.eye(4), np.eye(6))
     assert make_slam().add_external_edges([edge]) == 0
