@@ -24,7 +24,8 @@ from neuse_bags.frames import write_frame
 from neuse_bags.mcap_file import BagWriter
 from neuse_slam_node.conversions import change_to_msg
 
-CLEARLY_SEEN_PX = 600
+CLEARLY_SEEN_PX = 1000
+CLEARLY_SEEN_M = 2.0
 
 
 class TruthWriter:
@@ -46,7 +47,7 @@ class TruthWriter:
             self._write_map(simulated)
         if self._last is None or simulated.traversal != self._last.traversal:
             self._writer.write(topics.TRUE_TRAVERSAL.name, UInt32(data=simulated.traversal), stamp_ns)
-        self._seen.update(i for i, px in simulated.visible_px.items() if px >= CLEARLY_SEEN_PX)
+        self._seen.update(item.object_id for item in simulated.objects if _is_clearly_seen(item, simulated))
         self._last = simulated
 
     def finish(self) -> None:
@@ -62,6 +63,12 @@ class TruthWriter:
         objects = [_true_object(item, self._seen[item.object_id]) for item in simulated.objects]
         stamp_ns = simulated.frame.stamp_ns
         self._writer.write(topics.TRUE_MAP.name, true_map_to_msg(stamp_ns, objects), stamp_ns)
+
+
+def _is_clearly_seen(item: PlacedShape, simulated: SimulatedFrame) -> bool:
+    """Near and large in the picture, in the manner of the paper's rule for new objects (appendix)."""
+    range_m = np.linalg.norm(item.position - simulated.T_world_camera[:3, 3])
+    return bool(range_m <= CLEARLY_SEEN_M and simulated.visible_px.get(item.object_id, 0) >= CLEARLY_SEEN_PX)
 
 
 def _true_object(item: PlacedShape, n_seen: int) -> TrueObject:

@@ -11,7 +11,7 @@ from neuse.geometry import Array, transform_points
 from neuse.records import MapObject, ObjectStatus
 
 CENTER_TOLERANCE_M = 0.06
-MIN_FRAMES_SEEN = 3
+MIN_FRAMES_SEEN = 5
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from neuse_bags import topics
 from neuse_bags.frames import read_frames, read_odometry
 from neuse_bags.mcap_file import BagReader, BagWriter
 from neuse_bags.recording import read_truth
-from neuse_bags.simulate import CLEARLY_SEEN_PX, TruthWriter, main
+from neuse_bags.simulate import CLEARLY_SEEN_M, CLEARLY_SEEN_PX, TruthWriter, main
 
 HERE, THERE = make_transform(np.eye(3), [0, 0, 0.8]), make_transform(np.eye(3), [1, 0, 0.8])
 SHAPE = make_shape("box", "mug", trimesh.creation.box((0.1, 0.08, 0.12)))
@@ -84,6 +84,22 @@ def test_sightings_count_clear_views_at_the_present_place_alone(truth_bag: Path)
     truth = read_truth(truth_bag)
     assert truth is not None
     assert [[item.n_seen for item in one.objects] for one in truth.maps] == [[0, 0], [2, 0], [5, 2]]
+
+
+@pytest.mark.parametrize(("beyond_m", "n_seen"), [(-0.1, 5), (0.1, 0)])
+def test_far_objects_are_not_clearly_seen(simulated, tmp_path: Path, beyond_m: float, n_seen: int) -> None:
+    far = make_transform(np.eye(3), [CLEARLY_SEEN_M + beyond_m, 0, 0])
+    path = tmp_path / "far.mcap"
+    with BagWriter(path) as writer:
+        topics.declare(writer, topics.TRUTH_TOPICS)
+        truth = TruthWriter(writer)
+        for one in simulated:
+            item = TrueObject(1, SHAPE, one.T_world_camera @ far)
+            truth.add(replace(one, objects=(item,), changes=()))
+        truth.finish()
+    read = read_truth(path)
+    assert read is not None
+    assert read.final_objects()[0].n_seen == n_seen
 
 
 def test_bag_without_true_poses_has_no_truth(frames_bag: Path) -> None:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from neuse.evaluation.objects import score_objects
+from neuse.evaluation.objects import MIN_FRAMES_SEEN, score_objects
 from neuse.evaluation.truth import TrueObject
 from neuse.geometry import Array, inverse, make_transform
 from neuse.records import ObjectStatus
@@ -50,7 +50,7 @@ def test_removed_map_objects_do_not_count(map_object) -> None:
 
 
 def test_hardly_seen_objects_need_not_be_mapped_but_may_be(map_object) -> None:
-    hardly = (_true(1, 0.0, n_seen=2),)
+    hardly = (_true(1, 0.0, n_seen=MIN_FRAMES_SEEN - 1),)
     assert score_objects([], hardly, np.eye(4)).true == 0
     mapped = score_objects([map_object(4, _at(0.0))], hardly, np.eye(4))
     assert (mapped.true, mapped.mapped, mapped.ghosts) == (0, 0, ())

@@ -159,7 +159,7 @@ def _check_pictures(folder: Path) -> None:
     for name in ("trajectory.png", "map.png"):
         picture = cv2.imread(str(folder / name))
         assert picture is not None
-        assert np.unique(picture.reshape(-1, 3), axis=0).shape[0] > 100
+        assert picture.std() > 5
 
 
 def test_without_ground_truth_what_needs_it_is_null(run: Run, decode, tmp_path: Path) -> None:
