@@ -20,8 +20,8 @@ LYING_TILT_RAD = np.radians([30.0, 150.0])  # beyond it an object stands, on its
 def stable_poses(shape: Shape, rng: np.random.Generator) -> list[tuple[Array, str]]:
     """Poses T_table_object at rest: upright first, then lying in random order, at random yaws.
 
-    Lying: on a facet of the convex hull that has the centre of mass above it and, where there are such facets,
-    from which the shape does not roll away. The shape's origin is above the table's.
+    Lying: on a facet of the convex hull that has the centre of mass above it; of these, where there are any,
+    on those from which the shape does not roll away. The shape's origin is above the table's.
     """
     lying = rng.permutation(_lying_rotations(shape))
     kinds = ["upright", *["lying"] * len(lying)]
