@@ -14,7 +14,7 @@ from neuse.simulation.shapes import is_ambiguous
 N_SAMPLES = 3000
 N_STARTS, N_REFINED = 20, 3  # axes tried, and how many of them are refined
 N_ROWS, N_COLUMNS = 16, 36
-END_SHARE = 0.3  # of a bottle's height, by which its ends are compared
+END_SHARE = 0.2  # of a bottle's height, by which its ends are compared
 TANGENTIAL_SCALE = 0.1  # of a normal's tangential part, beyond which a point is rather no part of the body
 
 
