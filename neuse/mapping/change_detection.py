@@ -34,6 +34,15 @@ class Move:
     newcomer_id: int
 
 
+@dataclass(frozen=True)
+class Decision:
+    """Changes that have become certain; ids of objects added and removed, each named once."""
+
+    moves: tuple[Move, ...]
+    added: tuple[int, ...]
+    removed: tuple[int, ...]
+
+
 @dataclass
 class _Open:
     """Since when an object has been known to be gone or new, and when that was reported, if it was."""
@@ -68,11 +77,22 @@ class ChangeDetector:
         self._gone.pop(object_id, None)
         self._come.pop(object_id, None)
 
-    def moves(self, library: ObjectLibrary, stamp_ns: int, final: bool) -> list[Move]:
-        """The pairs that are certain: most alike among all that are open, the gone one known to be gone."""
+    def decide(self, library: ObjectLibrary, stamp_ns: int, final: bool) -> Decision:
+        """What has become certain by now; with `final` also what still waits."""
         self._expire(stamp_ns)
+        candidates = self._candidates(library, stamp_ns, final)
+        moves = self._moves(candidates)
+        explained = {move.object_id for move in moves}
+        waiting = {newcomer_id for _, newcomer_id, known_id in candidates if known_id not in explained}
+        alone = [object_id for object_id in self._come if object_id not in waiting]
+        late = [i for i, entry in self._gone.items() if final or self._is_late(entry, stamp_ns)]
+        added, removed = _report(alone, self._come, stamp_ns), _report(late, self._gone, stamp_ns)
+        return Decision(tuple(moves), added, removed)
+
+    def _moves(self, candidates: list[tuple[float, int, int]]) -> list[Move]:
+        """The most alike of all open pairs, each object once, where the one is known to be gone."""
         moves, taken = [], set[int]()
-        for _, newcomer_id, known_id in sorted(self._candidates(library, stamp_ns, final), reverse=True):
+        for _, newcomer_id, known_id in sorted(candidates, reverse=True):
             if newcomer_id in taken or known_id in taken:
                 continue
             taken |= {newcomer_id, known_id}
@@ -81,16 +101,6 @@ class ChangeDetector:
         for move in moves:
             del self._gone[move.object_id], self._come[move.newcomer_id]
         return moves
-
-    def added(self, library: ObjectLibrary, stamp_ns: int, final: bool) -> list[int]:
-        """Newcomers, each reported once, that no missing object explains."""
-        waiting = {newcomer_id for _, newcomer_id, _ in self._candidates(library, stamp_ns, final)}
-        return _report([i for i in self._come if i not in waiting], self._come, stamp_ns)
-
-    def removed(self, stamp_ns: int, final: bool) -> list[int]:
-        """Objects gone, each reported once, that have not turned up elsewhere in time."""
-        due = [i for i, entry in self._gone.items() if final or self._is_late(entry, stamp_ns)]
-        return _report(due, self._gone, stamp_ns)
 
     def _candidates(self, library: ObjectLibrary, stamp_ns: int, final: bool) -> list[tuple[float, int, int]]:
         """(similarity, newcomer, object) of all pairs that may be one object.
@@ -128,9 +138,9 @@ class ChangeDetector:
                     del entries[object_id]
 
 
-def _report(object_ids: list[int], entries: dict[int, _Open], stamp_ns: int) -> list[int]:
+def _report(object_ids: list[int], entries: dict[int, _Open], stamp_ns: int) -> tuple[int, ...]:
     """Those of the ids that have not been reported yet, marked as reported now."""
-    fresh = [object_id for object_id in object_ids if entries[object_id].reported_ns is None]
+    fresh = tuple(object_id for object_id in object_ids if entries[object_id].reported_ns is None)
     for object_id in fresh:
         entries[object_id].reported_ns = stamp_ns
     return fresh

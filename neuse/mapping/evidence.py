@@ -64,7 +64,7 @@ class Evidence:
             keyframe = self._memory.seen.get(keyframe_id)
             if keyframe is None:
                 continue
-            center = transform_points(self._memory.poses[keyframe_id], record.views[keyframe_id].code.center)
+            center = transform_points(self._memory.poses[keyframe_id], record.views[keyframe_id].center)
             anchors = self.anchors(keyframe, center, record.since_tick - 1, record.object_id)
             T_reference_observed = align_graphs(anchors, self._layout)
             if T_reference_observed is not None:

@@ -81,7 +81,7 @@ class KeyframeMemory:
         ids = [keyframe_id for keyframe_id in latest if keyframe_id in self.poses]
         if not ids:
             return set()
-        change = np.stack([latest[i] for i in ids]) - np.stack([self.poses[i] for i in ids])
+        change = np.array([latest[i] for i in ids]) - np.array([self.poses[i] for i in ids])
         return {ids[i] for i in np.flatnonzero(np.abs(change).max(axis=(1, 2)) > _MOVED)}
 
     def _forget_a_depth(self) -> None:

@@ -180,12 +180,10 @@ class ObjectMapper:
     def _detect_changes(self, final: bool) -> tuple[ObjectChange, ...]:
         """Pair what went with what came, and report what has become certain."""
         changes = self._note_presence()
-        for move in self._detector.moves(self._library, self._stamp_ns, final):
-            changes.append(self._move(move))
-        for object_id in self._detector.added(self._library, self._stamp_ns, final):
-            changes.append(self._change(object_id, ChangeKind.ADDED))
-        for object_id in self._detector.removed(self._stamp_ns, final):
-            changes.append(self._change(object_id, ChangeKind.REMOVED))
+        decision = self._detector.decide(self._library, self._stamp_ns, final)
+        changes += [self._move(move) for move in decision.moves]
+        changes += [self._change(object_id, ChangeKind.ADDED) for object_id in decision.added]
+        changes += [self._change(object_id, ChangeKind.REMOVED) for object_id in decision.removed]
         self._changes += changes
         return tuple(changes)
 

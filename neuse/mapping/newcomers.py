@@ -41,6 +41,9 @@ class NewcomerParams(CheckedParams):
     )
 
 
+_NEIGHBOUR_M = 1.0  # objects further apart do not touch
+
+
 class Origin(Enum):
     """Where a newcomer comes from."""
 
@@ -101,10 +104,9 @@ class Judge:
         """Older objects whose box may touch the newcomer's, nearest first."""
         near = []
         for known in self._library:
-            if known is newcomer or not known.is_present or known.since_tick >= newcomer.since_tick:
-                continue
-            distance_m = float(np.linalg.norm(known.center - newcomer.center))
-            if distance_m <= known.reach_m + newcomer.reach_m:
+            distance_m = float(np.linalg.norm(known.rough_center - newcomer.center))
+            older = known.is_present and known.since_tick < newcomer.since_tick
+            if older and distance_m <= _NEIGHBOUR_M and distance_m <= known.reach_m + newcomer.reach_m:
                 near.append((distance_m, known.object_id))
         return [self._library.records[object_id] for _, object_id in sorted(near)]
 

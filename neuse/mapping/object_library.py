@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -31,6 +32,11 @@ class View:
     code: Code
     points: Array
     weight: float = 1.0
+
+    @cached_property
+    def center(self) -> Array:
+        """(3,) centre of the object, keyframe's frame."""
+        return self.code.center
 
 
 @dataclass
@@ -74,6 +80,12 @@ class ObjectRecord:
         if self._center is None:
             self._center = self.code.center
         return self._center
+
+    @property
+    def rough_center(self) -> Array:
+        """(3,) centre in the map frame by the latest view alone: right to centimetres, and cheap."""
+        keyframe_id, view = next(reversed(self.views.items()))
+        return transform_points(self.poses[keyframe_id], view.center)
 
     @property
     def points(self) -> Array:

@@ -33,7 +33,7 @@ class Presence:
         if not missing:
             return
         T_camera_map = inverse(memory.poses[keyframe.keyframe_id])
-        centers = transform_points(T_camera_map, np.stack([record.center for record in missing]))
+        centers = transform_points(T_camera_map, np.array([record.rough_center for record in missing]))
         for record, in_view in zip(missing, visible(centers, keyframe.intrinsics), strict=True):
             if in_view:
                 self._missed(record, keyframe)

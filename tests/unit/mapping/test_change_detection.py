@@ -28,80 +28,92 @@ def detector():
     return ChangeDetector(ChangeParams(), 0.95)
 
 
+def decide(detector, library, stamp_ns=0, final=False):
+    """(moves, added, removed) as plain lists."""
+    decision = detector.decide(library, stamp_ns, final)
+    return list(decision.moves), list(decision.added), list(decision.removed)
+
+
+NOTHING = ([], [], [])
+
+
 def test_object_gone_and_newcomer_of_its_shape_are_a_move(detector):
     library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
     detector.note_gone(1, 0)
     detector.note_come(2, 0)
-    assert detector.moves(library, 0, False) == [Move(1, 2)]
-    assert detector.moves(library, 0, True) == []
-    assert detector.added(library, 0, True) == []
-    assert detector.removed(0, True) == []
+    assert decide(detector, library) == ([Move(1, 2)], [], [])
+    assert decide(detector, library, final=True) == NOTHING
 
 
 def test_newcomer_of_another_shape_is_added_at_once_and_the_gone_one_removed_later(detector):
     library = library_of((1, 5, 0, 3), (2, 6, 10, 20))
     detector.note_gone(1, 0)
     detector.note_come(2, 0)
-    assert detector.moves(library, 0, False) == []
-    assert detector.added(library, 0, False) == [2]
-    assert detector.removed(PENDING - 1, False) == []
-    assert detector.removed(PENDING, False) == [1]
-    assert detector.removed(PENDING, True) == []
+    assert decide(detector, library) == ([], [2], [])
+    assert decide(detector, library, PENDING - 1) == NOTHING
+    assert decide(detector, library, PENDING) == ([], [], [1])
+    assert decide(detector, library, PENDING, final=True) == NOTHING
 
 
 def test_newcomer_waits_while_the_place_of_a_like_object_is_unseen(detector):
     library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
     detector.note_come(2, 0)
-    assert detector.added(library, 0, False) == []
+    assert decide(detector, library) == NOTHING
     detector.note_gone(1, S)
-    assert detector.moves(library, S, False) == [Move(1, 2)]
+    assert decide(detector, library, S) == ([Move(1, 2)], [], [])
 
 
 def test_newcomer_is_added_once_the_like_object_is_seen_at_home(detector):
     library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
     detector.note_come(2, 0)
     library.records[1].seen(21, 0)
-    assert detector.added(library, 0, False) == [2]
+    assert decide(detector, library) == ([], [2], [])
 
 
 def test_newcomer_is_added_when_it_waited_long_enough(detector):
     library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
     detector.note_come(2, 0)
-    assert detector.added(library, PENDING - 1, False) == []
-    assert detector.added(library, PENDING, False) == [2]
-    assert detector.added(library, PENDING, False) == []
+    assert decide(detector, library, PENDING - 1) == NOTHING
+    assert decide(detector, library, PENDING) == ([], [2], [])
+    assert decide(detector, library, PENDING) == NOTHING
 
 
 def test_move_is_still_found_after_its_halves_were_reported(detector):
     library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
     detector.note_come(2, 0)
-    assert detector.added(library, 0, True) == [2]
+    assert decide(detector, library, final=True) == ([], [2], [])
     detector.note_gone(1, S)
-    assert detector.moves(library, S, False) == [Move(1, 2)]
+    assert decide(detector, library, S) == ([Move(1, 2)], [], [])
 
 
 def test_what_was_reported_long_ago_explains_nothing(detector):
     library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
     detector.note_gone(1, 0)
-    assert detector.removed(0, True) == [1]
+    assert decide(detector, library, final=True) == ([], [], [1])
     library.records[1].status = ObjectStatus.REMOVED
     detector.note_come(2, PENDING)
-    assert detector.moves(library, PENDING, False) == []
-    assert detector.added(library, PENDING, False) == [2]
+    assert decide(detector, library, PENDING) == ([], [2], [])
 
 
 def test_object_seen_again_is_not_gone(detector):
     detector.note_gone(1, 0)
     detector.note_present(1)
-    assert detector.removed(PENDING, True) == []
+    assert decide(detector, library_of(), PENDING, final=True) == NOTHING
+
+
+def test_id_that_means_another_object_is_neither_gone_nor_come(detector):
+    detector.note_gone(1, 0)
+    detector.note_come(2, 0)
+    detector.forget(1)
+    detector.forget(2)
+    assert decide(detector, library_of((2, 5, 10, 20)), PENDING, final=True) == NOTHING
 
 
 def test_object_seen_after_the_newcomer_came_did_not_move_there(detector):
     library = library_of((1, 5, 0, 15), (2, 5, 10, 20))
     detector.note_gone(1, 0)
     detector.note_come(2, 0)
-    assert detector.moves(library, 0, True) == []
-    assert detector.removed(0, True) == [1]
+    assert decide(detector, library, final=True) == ([], [2], [1])
 
 
 def test_swapped_objects_are_two_moves_paired_by_shape(detector):
@@ -110,17 +122,32 @@ def test_swapped_objects_are_two_moves_paired_by_shape(detector):
         detector.note_gone(i, 0)
     for i in (3, 4):
         detector.note_come(i, 0)
-    assert sorted(detector.moves(library, 0, False), key=lambda m: m.object_id) == [Move(1, 4), Move(2, 3)]
+    moves, added, removed = decide(detector, library)
+    assert sorted(moves, key=lambda move: move.object_id) == [Move(1, 4), Move(2, 3)]
+    assert added == removed == []
 
 
-def test_one_newcomer_explains_one_of_two_twins(detector):
+@pytest.mark.parametrize("final", [False, True])
+def test_one_newcomer_explains_one_of_two_twins(detector, final):
     library = library_of((1, 5, 0, 3), (2, 5, 0, 3), (3, 5, 10, 20))
     detector.note_gone(1, 0)
     detector.note_gone(2, 0)
     detector.note_come(3, 0)
-    moves = detector.moves(library, 0, True)
-    assert len(moves) == 1
-    assert detector.removed(0, True) == [({1, 2} - {moves[0].object_id}).pop()]
+    moves, added, removed = decide(detector, library, final=final)
+    assert [move.newcomer_id for move in moves] == [3]
+    assert added == []
+    assert removed == ([] if not final else [({1, 2} - {moves[0].object_id}).pop()])
+
+
+def test_one_gone_object_explains_one_of_two_like_newcomers(detector):
+    library = library_of((1, 5, 0, 3), (2, 5, 10, 20), (3, 5, 10, 20))
+    detector.note_gone(1, 0)
+    detector.note_come(2, 0)
+    detector.note_come(3, 0)
+    moves, added, removed = decide(detector, library, final=True)
+    assert [move.object_id for move in moves] == [1]
+    assert added == [({2, 3} - {moves[0].newcomer_id}).pop()]
+    assert removed == []
 
 
 def change(kind, object_id, merged_id=NO_ID):
