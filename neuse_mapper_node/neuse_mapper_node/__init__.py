@@ -1,1 +1,7 @@
 """Tracked frames to a change-aware object map, its changes and markers."""
+
+import os
+
+# One thread a process: the stages are processes of their own, and threads that wait for each other in busy loops
+# cost more than they bring where cores are few. Has to be set before numpy and torch are imported.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
