@@ -13,6 +13,7 @@ from neuse.params import CheckedParams, param
 from neuse.records import MatchStatus, ObjectStatus, TrackedFrame, TrackedObservation
 
 _FLIP_SCALE_M = 0.02  # views whose landmarks lie this far from the average count half
+_VIEWS_OF_PLACE = 6  # so many views show an object's surface from all sides
 _TRUSTED_SHARE = 0.8  # the farthest points of a view may be of another surface
 
 
@@ -22,7 +23,6 @@ class LibraryParams(CheckedParams):
 
     max_views: int = param(16, "views that are kept of an object, spread evenly", 3, 10000)
     points_per_view: int = param(48, "surface points that are kept of a view", 4, 10000)
-    views_of_place: int = param(6, "views whose points make up an object's place", 1, 1000)
 
 
 @dataclass(frozen=True)
@@ -94,9 +94,9 @@ class ObjectRecord:
             self._points = self.points_of(list(self.views))
         return self._points
 
-    def points_of(self, keyframe_ids: Sequence[int], count: int = 6) -> Array:
-        """(m, 3) surface points of up to `count` of these views, evenly spread, map frame."""
-        step = max(1, -(-len(keyframe_ids) // count))
+    def points_of(self, keyframe_ids: Sequence[int]) -> Array:
+        """(m, 3) surface points of a few of these views, evenly spread, map frame."""
+        step = -(-len(keyframe_ids) // _VIEWS_OF_PLACE)
         return np.concatenate(
             [transform_points(self.poses[i], self.views[i].points) for i in keyframe_ids[::step]]
         )
