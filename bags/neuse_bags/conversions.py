@@ -14,7 +14,7 @@ from neuse.geometry import Array
 from neuse.records import Intrinsics
 from neuse_encoder_node.conversions import header_to_msg
 from neuse_msgs.msg import Code, MapObject, ObjectMap
-from neuse_slam_node.conversions import pose_to_msg, transform_from_msg
+from neuse_slam_node.poses import pose_to_msg, transform_from_msg
 
 CAMERA_FRAME = "camera_optical_frame"
 WORLD_FRAME = "world"

@@ -17,7 +17,7 @@ from neuse_bags.conversions import (
 from neuse_bags.mcap_file import BagReader, BagWriter
 from neuse_encoder_node.conversions import frame_from_msgs, header_to_msg, instances_to_msg, stamp_from_msg
 from neuse_encoder_node.stamps import StampJoin
-from neuse_slam_node.conversions import transform_from_msg
+from neuse_slam_node.poses import transform_from_msg
 
 JOINED = tuple(topic.name for topic in (topics.DEPTH, topics.MASK, topics.INSTANCES, topics.DEPTH_INFO))
 JOIN_CAPACITY = 100

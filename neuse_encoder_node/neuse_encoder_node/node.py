@@ -12,7 +12,9 @@ from neuse.embedding.observe import Observer, ObserverParams
 from neuse.params import param
 from neuse.records import ObservedFrame
 from neuse_encoder_node.conversions import frame_from_msgs, observed_frame_to_msg, stamp_from_msg
-from neuse_encoder_node.stage_node import StageNode, StageParams, reliable, run, sensor
+from neuse_encoder_node.qos import reliable, sensor
+from neuse_encoder_node.run import run
+from neuse_encoder_node.stage_node import StageNode, StageParams
 from neuse_encoder_node.stamps import StampJoin
 from neuse_msgs.msg import InstanceArray, ObjectObservationArray
 

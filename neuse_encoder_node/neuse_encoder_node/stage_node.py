@@ -1,23 +1,20 @@
 """What the three nodes share: a lifecycle node that runs one stage of the library in a worker thread."""
 
-import signal
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
-from rclpy.exceptions import ParameterException
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
+from rclpy.qos import QoSProfile
 from std_msgs.msg import Header
 
 from neuse.errors import InputError, NeuseError
@@ -27,24 +24,9 @@ from neuse_encoder_node.parameters import declare_parameters, read_parameters
 from neuse_encoder_node.stamps import StampOrder, Succession
 from neuse_encoder_node.worker import Worker
 
+RCLError = rclpy_implementation.RCLError
 LOG_PERIOD_S = 5.0
-GRACE_S = 0.5
 FLUSH = Duration(seconds=1)
-
-
-def latched(depth: int = 1) -> QoSProfile:
-    """Reliable, and the last messages are kept for whoever comes later."""
-    return QoSProfile(depth=depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
-
-def reliable(depth: int) -> QoSProfile:
-    """Nothing is lost as long as the receiver lags by less than `depth` messages."""
-    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
-
-
-def sensor(depth: int) -> QoSProfile:
-    """Matches every publisher; what comes too fast is lost."""
-    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 @dataclass(frozen=True)
@@ -83,6 +65,8 @@ class StageNode(LifecycleNode):
         self._subscriptions_here: list[Any] = []
         self._publishers_here: list[Any] = []
         self._services_here: list[Any] = []
+        self._change_state = self._service_change_state.callback
+        self._service_change_state.callback = self._change_state_if_possible
         declare_parameters(self, defaults)
         self.add_on_set_parameters_callback(self._check_parameters)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -232,6 +216,15 @@ class StageNode(LifecycleNode):
             f"frame {entry[0]} ns came faster than it can be worked on; slow down or widen queue_size",
         )
 
+    def _change_state_if_possible(self, request: ChangeState.Request, response: ChangeState.Response) -> Any:
+        """Refuse a transition that the present state does not have; rclpy of Jazzy would end the process."""
+        try:
+            return self._change_state(request, response)
+        except RCLError as error:
+            self.refuse("impossible_transition", str(error).splitlines()[0])
+            response.success = False
+            return response
+
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         """The stage reads its parameters when it is configured, and not later."""
         own = [parameter.name for parameter in parameters if parameter.name != "use_sim_time"]
@@ -239,39 +232,3 @@ class StageNode(LifecycleNode):
             reason = f"{own[0]} is read on configuration: deactivate and clean up the node first"
             return SetParametersResult(successful=False, reason=reason)
         return SetParametersResult(successful=True)
-
-
-def run(make_node: Callable[[], StageNode]) -> int:
-    """Run a node until Ctrl-C or SIGTERM; what waits in its queue is finished first. Returns an exit code."""
-    stop = threading.Event()
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
-    try:
-        node = make_node()
-    except ParameterException as error:
-        rclpy.logging.get_logger("neuse").fatal(f"cannot start: {error}; correct the parameter")
-        rclpy.shutdown()
-        return 2
-    if node.get_parameter("autostart").value and node.trigger_configure() == TransitionCallbackReturn.SUCCESS:
-        node.trigger_activate()
-    _spin(node, stop)
-    node.trigger_shutdown()
-    node.destroy_node()
-    rclpy.shutdown()
-    return 0
-
-
-def _spin(node: StageNode, stop: threading.Event) -> None:
-    """Spin until stopped, and a little longer: messages that have arrived are still taken.
-
-    rclpy's own handling of signals would close the context before the last messages are out.
-    """
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    while not stop.is_set():
-        executor.spin_once(timeout_sec=0.1)
-    end_s = time.monotonic() + GRACE_S
-    while time.monotonic() < end_s:
-        executor.spin_once(timeout_sec=0.05)
-    executor.remove_node(node)

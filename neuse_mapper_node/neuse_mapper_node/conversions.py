@@ -22,7 +22,7 @@ from neuse_encoder_node.conversions import (
 )
 from neuse_msgs.msg import MapObject as MapObjectMsg
 from neuse_msgs.msg import ObjectMap as ObjectMapMsg
-from neuse_slam_node.conversions import pose_to_msg, transform_from_msg
+from neuse_slam_node.poses import pose_to_msg, transform_from_msg
 
 KINDS = {
     MarkerKind.MESH: MarkerMsg.TRIANGLE_LIST,

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
@@ -16,7 +17,9 @@ from neuse.mapping.markers import MarkerBoard, map_points
 from neuse.params import param
 from neuse.records import ObjectChange
 from neuse_encoder_node.conversions import stamp_from_msg
-from neuse_encoder_node.stage_node import StageNode, StageParams, latched, reliable, run
+from neuse_encoder_node.qos import latched, reliable
+from neuse_encoder_node.run import run
+from neuse_encoder_node.stage_node import StageNode, StageParams
 from neuse_encoder_node.stamps import NANOSECONDS
 from neuse_mapper_node import conversions
 from neuse_mapper_node.keyframe_match import KeyframeMatch
@@ -81,8 +84,11 @@ class MapperNode(StageNode):
 
     def forget(self) -> None:
         self._mapper.reset()
+        map_frame = self._params.map_frame
         self._next_map_ns = self._next_drawing_ns = 0
-        self._markers.publish(conversions.markers_to_msg(self._board.clear(), 0, self._params.map_frame))
+        self._map.publish(conversions.object_map_to_msg(self._mapper.object_map, map_frame))
+        self._markers.publish(conversions.markers_to_msg(self._board.clear(), 0, map_frame))
+        self._points.publish(conversions.points_to_msg(np.zeros((0, 3)), np.zeros((0, 3)), 0, map_frame))
 
     def flush(self) -> None:
         self._release()

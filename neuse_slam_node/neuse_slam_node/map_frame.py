@@ -6,7 +6,7 @@ from rclpy.node import Node
 from neuse.geometry import Array, inverse
 from neuse.records import TrackedFrame
 from neuse_encoder_node.conversions import header_to_msg
-from neuse_slam_node.conversions import pose_to_msg
+from neuse_slam_node.poses import pose_to_msg
 
 try:
     from tf2_ros import TransformBroadcaster

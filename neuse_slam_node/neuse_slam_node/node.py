@@ -16,7 +16,9 @@ from neuse.records import NO_ID, OdometrySample, TrackedFrame
 from neuse.slam.feedback import DELAY_S, ChangeFeedback
 from neuse.slam.slam import ObjectSlam, SlamParams
 from neuse_encoder_node.conversions import observed_frame_from_msg, stamp_from_msg
-from neuse_encoder_node.stage_node import StageNode, StageParams, latched, reliable, run, sensor
+from neuse_encoder_node.qos import latched, reliable, sensor
+from neuse_encoder_node.run import run
+from neuse_encoder_node.stage_node import StageNode, StageParams
 from neuse_encoder_node.stamps import NANOSECONDS
 from neuse_msgs.msg import KeyframeArray, ObjectChange, ObjectObservationArray, PoseGraphEdgeArray
 from neuse_msgs.msg import TrackedFrame as TrackedFrameMsg

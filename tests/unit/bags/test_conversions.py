@@ -15,7 +15,7 @@ from neuse_bags.conversions import (
 )
 from neuse_encoder_node.conversions import intrinsics_from_msg
 from neuse_encoder_node.images import depth_from_msg, mask_from_msg
-from neuse_slam_node.conversions import transform_from_msg
+from neuse_slam_node.poses import transform_from_msg
 
 
 def test_depth_survives_to_the_millimetre() -> None:

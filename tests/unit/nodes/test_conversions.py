@@ -19,6 +19,7 @@ from neuse_encoder_node.images import depth_to_msg
 from neuse_mapper_node import conversions as mapper
 from neuse_msgs.msg import PoseGraphEdge
 from neuse_slam_node import conversions as slam
+from neuse_slam_node import poses
 
 from . import samples
 
@@ -97,14 +98,14 @@ def test_object_map_round_trip():
 def test_covariance_in_a_message_is_translation_first_on_the_axes_of_the_parent_frame():
     T_map_camera = make_transform([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], np.zeros(3))
     covariance = np.diag([1.0, 2.0, 3.0, 10.0, 20.0, 30.0])  # rotation, then translation, camera axes
-    message = slam.pose_with_covariance_to_msg(T_map_camera, covariance)
+    message = poses.pose_with_covariance_to_msg(T_map_camera, covariance)
     np.testing.assert_allclose(np.diag(message.covariance.reshape(6, 6)), [20, 10, 30, 2, 1, 3])
 
 
 def test_odometry_of_another_part_of_the_robot_gives_the_pose_of_the_camera():
     T_odom_base, T_base_camera, point = samples.transform(1), samples.transform(2), np.array([0.1, 0.2, 0.3])
     message = Odometry()
-    message.pose.pose = slam.pose_to_msg(T_odom_base)
+    message.pose.pose = poses.pose_to_msg(T_odom_base)
     sample = slam.odometry_from_msg(message, T_base_camera)
     expected = transform_points(T_odom_base, transform_points(T_base_camera, point))
     np.testing.assert_allclose(transform_points(sample.T_odom_camera, point), expected)
@@ -113,7 +114,7 @@ def test_odometry_of_another_part_of_the_robot_gives_the_pose_of_the_camera():
 def test_estimated_odometry_and_path_carry_pose_frames_and_stamps():
     frame, keyframes = samples.tracked_frame(), samples.keyframes()
     odometry, path = slam.odometry_to_msg(frame, "map", "camera"), slam.path_to_msg(keyframes, "map")
-    np.testing.assert_allclose(slam.transform_from_msg(odometry.pose.pose), frame.T_map_camera, atol=1e-12)
+    np.testing.assert_allclose(poses.transform_from_msg(odometry.pose.pose), frame.T_map_camera, atol=1e-12)
     assert (odometry.header.frame_id, odometry.child_frame_id) == ("map", "camera")
     assert [encoder.stamp_from_msg(pose.header.stamp) for pose in path.poses] == [
         keyframe.stamp_ns for keyframe in keyframes
@@ -159,7 +160,7 @@ def test_cloud_that_is_not_three_numbers_a_point_is_refused():
 )
 def test_pose_that_is_none_is_refused(quaternion: Quaternion):
     with pytest.raises(InputError, match="no pose") as refused:
-        slam.transform_from_msg(Pose(orientation=quaternion))
+        poses.transform_from_msg(Pose(orientation=quaternion))
     assert refused.value.reason == "pose"
 
 

@@ -1,0 +1,52 @@
+"""The main function of the nodes: start, activate, spin, and end without losing what has arrived."""
+
+import signal
+import threading
+import time
+from collections.abc import Callable
+
+import rclpy
+from rclpy.exceptions import ParameterException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.signals import SignalHandlerOptions
+
+from neuse_encoder_node.stage_node import StageNode
+
+GRACE_S = 0.5
+
+
+def run(make_node: Callable[[], StageNode]) -> int:
+    """Run a node until Ctrl-C or SIGTERM; what waits in its queue is finished first. Returns an exit code."""
+    stop = threading.Event()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    try:
+        node = make_node()
+    except ParameterException as error:
+        rclpy.logging.get_logger("neuse").fatal(f"cannot start: {error}; correct the parameter")
+        rclpy.shutdown()
+        return 2
+    if node.get_parameter("autostart").value and node.trigger_configure() == TransitionCallbackReturn.SUCCESS:
+        node.trigger_activate()
+    _spin(node, stop)
+    node.trigger_shutdown()
+    node.destroy_node()
+    rclpy.shutdown()
+    return 0
+
+
+def _spin(node: StageNode, stop: threading.Event) -> None:
+    """Spin until stopped, and a little longer: messages that have arrived are still taken.
+
+    rclpy's own handling of signals would close the context before the last messages are out.
+    """
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while not stop.is_set():
+        executor.spin_once(timeout_sec=0.1)
+    end_s = time.monotonic() + GRACE_S
+    while time.monotonic() < end_s:
+        executor.spin_once(timeout_sec=0.05)
+    executor.remove_node(node)
