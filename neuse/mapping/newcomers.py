@@ -37,7 +37,7 @@ class NewcomerParams(CheckedParams):
         0.95, "cosine of descriptors above which two shapes are alike (delta_shape of NeuSE IV-B)", -1, 1
     )
     different_below: float = param(
-        0.8, "cosine of descriptors below which two objects in one place are certainly not the same", -1, 1
+        0.92, "cosine of descriptors below which two objects in one place are certainly not the same", -1, 1
     )
 
 
