@@ -25,7 +25,7 @@ NODES = {
     "slam_node": "neuse_slam_node",
     "mapper_node": "neuse_mapper_node",
 }
-PATIENCE = {"queue_size": 1000}  # a bag's frames shall all be used
+PATIENCE = {"queue_size": 1000, "finish_s": 600.0}  # a bag's frames shall all be used
 ENCODER_PATIENCE = PATIENCE | {"input_depth": 100}
 BETWEEN_NODES = (topics.OBSERVATIONS, topics.FRAMES, topics.EDGES, topics.MAP)
 AWAITED = [t.name for t in (*topics.FRAME_TOPICS, topics.ODOMETRY, *BETWEEN_NODES)]
@@ -66,6 +66,12 @@ class Graph:
         if process.returncode:
             raise self._failed(executable)
 
+    def kill(self) -> None:
+        """Stop all processes, finished or not."""
+        for process in self._processes.values():
+            process.kill()
+            process.wait()
+
     def end(self) -> None:
         """Interrupt the processes one after the other, upstream first."""
         for name, process in self._processes.items():
@@ -90,12 +96,14 @@ class Graph:
 
 @contextmanager
 def running_graph(logs: Path) -> Iterator[Graph]:
-    """A graph that leaves no process behind."""
+    """A graph that leaves no process behind, and is stopped at once where anything goes wrong."""
     graph = Graph(logs)
     try:
         yield graph
-    finally:
-        graph.end()
+    except BaseException:
+        graph.kill()
+        raise
+    graph.end()
 
 
 def record_graph(bag: Path, recording: Path, rate: float, logs: Path) -> None:

@@ -114,6 +114,11 @@ class StageNode(LifecycleNode):
         if self._worker is not None:
             self._worker.put((stamp_ns, item))
 
+    @property
+    def is_behind(self) -> bool:
+        """Whether items wait for the worker: no time for what is only to be looked at."""
+        return self._worker is not None and self._worker.waiting > 0
+
     def refuse(self, reason: str, detail: str, amount: int = 1) -> None:
         """Count a fault of the input, and log it unless this reason was logged just now."""
         self.health.refuse(reason, amount)

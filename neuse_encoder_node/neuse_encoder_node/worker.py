@@ -35,6 +35,11 @@ class Worker(Generic[Item]):
         for old in dropped:
             self._dropped(old)
 
+    @property
+    def waiting(self) -> int:
+        """How many items wait."""
+        return len(self._items)
+
     def drain(self, timeout_s: float) -> bool:
         """Wait until everything is worked through; False if it took longer than the timeout."""
         with self._changed:

@@ -6,14 +6,17 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import trimesh
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
+from neuse.embedding.code import Code
 from neuse.embedding.embedding import load_embedding, shipped_categories
 from neuse.errors import NeuseError
 from neuse.mapping.mapper import MapperParams, ObjectMapper
 from neuse.mapping.markers import MarkerBoard, map_points
+from neuse.mapping.reconstruction import Reconstruct
 from neuse.params import param
 from neuse.records import ObjectChange
 from neuse_encoder_node.conversions import stamp_from_msg
@@ -53,14 +56,24 @@ class MapperNode(StageNode):
 
     def build(self, params: MapperNodeParams) -> None:
         self._params = params
-        decoders = {category: load_embedding(category).reconstruct for category in shipped_categories()}
-        self._mapper = ObjectMapper(decoders, params.mapper)
+        categories = shipped_categories()
+        self._mapper = ObjectMapper({name: self._decoder(name) for name in categories}, params.mapper)
         if params.load_path:
             self._mapper.load(params.load_path)
         self._match = KeyframeMatch()
         self._board = MarkerBoard()
         self._next_map_ns = self._next_drawing_ns = 0
         self._connect(params.topic_depth)
+
+    def _decoder(self, category: str) -> Reconstruct:
+        """The decoder of a category, whose time is kept."""
+        reconstruct = load_embedding(category).reconstruct
+
+        def decode(code: Code) -> trimesh.Trimesh:
+            with self.health.timed("decode"):
+                return reconstruct(code)
+
+        return decode
 
     def _connect(self, depth: int) -> None:
         self._map = self.offer(ObjectMap, "neuse/map", latched())
@@ -80,13 +93,13 @@ class MapperNode(StageNode):
         with self.health.timed("map"):
             changes = self._mapper.step(frame, keyframes)
         self._publish_changes(changes)
-        self._publish_map(stamp_ns, at_once=bool(changes))
+        self._publish_due(stamp_ns)
 
     def forget(self) -> None:
         self._mapper.reset()
         map_frame = self._params.map_frame
         self._next_map_ns = self._next_drawing_ns = 0
-        self._map.publish(conversions.object_map_to_msg(self._mapper.object_map, map_frame))
+        self._publish_map()
         self._markers.publish(conversions.markers_to_msg(self._board.clear(), 0, map_frame))
         self._points.publish(conversions.points_to_msg(np.zeros((0, 3)), np.zeros((0, 3)), 0, map_frame))
 
@@ -95,7 +108,8 @@ class MapperNode(StageNode):
 
     def finish(self) -> None:
         self._publish_changes(self._mapper.finalize())
-        self._publish_map(self._mapper.object_map.stamp_ns, at_once=True)
+        self._publish_map()
+        self._draw()
         if self._params.save_path:
             self._mapper.save(self._params.save_path)
 
@@ -115,22 +129,28 @@ class MapperNode(StageNode):
         for change in changes:
             self.health.tally(f"changes_{change.kind.name.lower()}")
             self._changes.publish(change_to_msg(change, self._params.map_frame))
+        if changes:
+            self._next_map_ns = self._next_drawing_ns = 0
 
-    def _publish_map(self, stamp_ns: int, at_once: bool) -> None:
-        if at_once or stamp_ns >= self._next_map_ns:
+    def _publish_due(self, stamp_ns: int) -> None:
+        """The map now and then, and after a change; pictures only while no frame has to wait for them."""
+        if stamp_ns >= self._next_map_ns:
             self._next_map_ns = stamp_ns + int(self._params.map_period_s * NANOSECONDS)
-            message = conversions.object_map_to_msg(self._mapper.object_map, self._params.map_frame)
-            self._map.publish(message)
-        if at_once or stamp_ns >= self._next_drawing_ns:
+            self._publish_map()
+        if stamp_ns >= self._next_drawing_ns and not self.is_behind:
             self._next_drawing_ns = stamp_ns + int(self._params.draw_period_s * NANOSECONDS)
-            with self.health.timed("draw"):
-                self._draw(stamp_ns)
+            self._draw()
 
-    def _draw(self, stamp_ns: int) -> None:
+    def _publish_map(self) -> None:
+        self._map.publish(conversions.object_map_to_msg(self._mapper.object_map, self._params.map_frame))
+
+    def _draw(self) -> None:
         object_map, map_frame = self._mapper.object_map, self._params.map_frame
-        markers = self._board.draw(object_map, self._mapper.mesh, self._mapper.changes)
+        with self.health.timed("draw"):
+            markers = self._board.draw(object_map, self._mapper.mesh, self._mapper.changes)
+            points, colors = map_points(object_map, self._mapper.mesh)
+        stamp_ns = object_map.stamp_ns
         self._markers.publish(conversions.markers_to_msg(markers, stamp_ns, map_frame))
-        points, colors = map_points(object_map, self._mapper.mesh)
         self._points.publish(conversions.points_to_msg(points, colors, stamp_ns, map_frame))
 
     def _save_map(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
@@ -143,9 +163,9 @@ class MapperNode(StageNode):
     def _load_map(self, request: LoadMap.Request, response: LoadMap.Response) -> LoadMap.Response:
         def load() -> str:
             self._mapper.load(request.path)
-            object_map = self._mapper.object_map
-            self._publish_map(object_map.stamp_ns, at_once=True)
-            return f"{len(object_map.objects)} objects loaded from {request.path}"
+            self._publish_map()
+            self._draw()
+            return f"{len(self._mapper.object_map.objects)} objects loaded from {request.path}"
 
         return self._answer(response, load)
 

@@ -5,7 +5,7 @@ from collections import deque
 from typing import Any
 
 from neuse.records import OdometrySample
-from neuse_encoder_node.stamps import NANOSECONDS
+from neuse_encoder_node.stamps import NANOSECONDS, StampOrder, Succession
 
 
 class OdometryMatch:
@@ -13,24 +13,31 @@ class OdometryMatch:
 
     A frame waits for the first sample that is not older than itself: only then is the nearest one known.
     It does not wait once frames are more than `wait_s` ahead of the odometry, which has stopped or was
-    never there. Samples more than `restart_s` later than what comes are of an earlier run.
+    never there. Where one of the topics steps back by more than `restart_s` a new run begins; the other one
+    may be seconds behind in the old run.
     """
 
-    def __init__(self, wait_s: float, restart_s: float, capacity: int = 1000) -> None:
-        self._wait_ns, self._restart_ns = int(wait_s * NANOSECONDS), int(restart_s * NANOSECONDS)
-        self._capacity = capacity
+    def __init__(self, wait_s: float, restart_s: float, capacity: int = 10000) -> None:
+        self._wait_ns, self._capacity = int(wait_s * NANOSECONDS), capacity
         self._samples: list[OdometrySample] = []
         self._frames: deque[tuple[int, Any]] = deque()
+        self._sample_order, self._frame_order = StampOrder(restart_s), StampOrder(restart_s)
+        self._sample_runs = self._frame_runs = 0
 
     def add_sample(self, sample: OdometrySample) -> None:
-        """Take in a sample, in its place by stamp."""
-        self._forget_earlier_run(sample.stamp_ns)
+        """Take in a sample, in its place by stamp; the first of a new run replaces all before."""
+        if self._sample_order.follow(sample.stamp_ns) == Succession.RESTART:
+            self._sample_runs += 1
+            self._samples.clear()
         insort(self._samples, sample, key=_stamp_ns)
         del self._samples[: -self._capacity]
 
     def add_frame(self, stamp_ns: int, frame: Any) -> None:
         """Take in a frame; frames leave in the order in which they come."""
-        self._forget_earlier_run(stamp_ns)
+        if self._frame_order.follow(stamp_ns) == Succession.RESTART:
+            self._frame_runs += 1
+            if self._frame_runs > self._sample_runs:
+                self._samples.clear()
         self._frames.append((stamp_ns, frame))
 
     def release(self, expected: bool) -> list[tuple[int, Any, OdometrySample | None]]:
@@ -43,10 +50,6 @@ class OdometryMatch:
             stamp_ns, frame = self._frames.popleft()
             released.append((stamp_ns, frame, self._nearest(stamp_ns)))
         return released
-
-    def _forget_earlier_run(self, stamp_ns: int) -> None:
-        if self._samples and self._samples[-1].stamp_ns > stamp_ns + self._restart_ns:
-            self._samples.clear()
 
     def _is_ready(self, stamp_ns: int, expected: bool) -> bool:
         if not self._samples and not expected:

@@ -7,7 +7,7 @@ import trimesh
 from neuse import geometry
 from neuse.errors import MeshError
 from neuse.geometry import transform_points
-from neuse.mapping.reconstruction import MeshCache, align_points, bounding_box
+from neuse.mapping.reconstruction import TOLERANCE_M, MeshCache, align_points, bounding_box, lighter
 
 from .synthetic import RECONSTRUCT, decode, make_code, standing
 
@@ -113,3 +113,18 @@ def test_alignment_recovers_a_motion_and_never_a_mirror():
 def test_box_of_a_real_mesh_is_its_extents():
     mesh = trimesh.creation.cylinder(0.03, 0.2)
     np.testing.assert_allclose(bounding_box(mesh.vertices, np.eye(4)).size, mesh.extents)
+
+
+def test_lighter_mesh_is_closed_and_has_the_same_surface_with_far_fewer_triangles():
+    mesh = trimesh.creation.icosphere(subdivisions=5, radius=0.05)
+    light = lighter(mesh)
+    assert light.is_watertight
+    assert len(light.faces) < len(mesh.faces) / 5
+    np.testing.assert_allclose(np.linalg.norm(light.vertices, axis=1), 0.05, atol=TOLERANCE_M)
+    assert light.volume == pytest.approx(mesh.volume, rel=0.05)
+
+
+def test_open_mesh_stays_as_it_is():
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=0.05)
+    mesh.update_faces(np.arange(len(mesh.faces)) > 3)
+    assert lighter(mesh) is mesh

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from neuse.records import OdometrySample
 from neuse_slam_node.odometry_match import OdometryMatch
@@ -73,14 +74,39 @@ def test_frames_wait_at_the_start_only_so_long():
     assert [frame for frame, _ in released(match)] == [1000]
 
 
-def test_samples_of_an_earlier_run_are_forgotten():
+def test_frames_far_behind_the_odometry_still_get_their_own_sample():
+    match = matcher()
+    for stamp_ms in range(0, 30_000, 100):
+        match.add_sample(sample(stamp_ms))
+    for stamp_ms in (100, 200, 300):
+        match.add_frame(stamp_ms * MS, "late")
+        assert released(match) == [(stamp_ms, stamp_ms)]
+
+
+@pytest.mark.parametrize("odometry_first", [True, False])
+def test_samples_of_an_earlier_run_are_forgotten_whichever_topic_restarts_first(odometry_first: bool):
     match = matcher()
     for stamp_ms in (50_000, 50_100):
         match.add_sample(sample(stamp_ms))
+    match.add_frame(50_100 * MS, "old")
+    assert released(match) == [(50_100, 50_100)]
+    if odometry_first:
+        match.add_sample(sample(100))
+        match.add_frame(100 * MS, "new")
+    else:
+        match.add_frame(100 * MS, "new")
+        assert released(match) == []
+        match.add_sample(sample(100))
+    assert released(match) == [(100, 100)]
+
+
+def test_frame_of_the_old_run_does_not_hold_up_the_new_one():
+    match = matcher()
+    match.add_sample(sample(50_000))
     match.add_frame(50_200 * MS, "old")
     match.add_frame(100 * MS, "new")
     match.add_sample(sample(100))
-    assert released(match) == [(50_200, 100), (100, 100)]
+    assert [frame for frame, _ in released(match)] == [50_200, 100]
 
 
 def test_memory_of_samples_is_bounded():
