@@ -24,9 +24,10 @@ class SolverParams(CheckedParams):
     cauchy_sigmas: float = param(1.0, "scale of the Cauchy kernel on sightings, sigmas", 0.1, 100.0)
     huber_sigmas: float = param(1.345, "threshold of the Huber kernel on edges, sigmas", 0.1, 100.0)
     relinearize_m_rad: float = param(
-        0.005, "iSAM2 relinearises what moves more than this, m or rad", 1e-6, 1.0
+        0.01, "iSAM2 relinearises what moved more than this, m or rad", 1e-6, 1.0
     )
-    closure_iterations: int = param(3, "iSAM2 iterations after a loop closure", 1, 50)
+    relinearize_every: int = param(5, "solutions between two relinearisations", 1, 1000)
+    closure_iterations: int = param(2, "iSAM2 iterations after a loop closure", 1, 50)
     window_iterations: int = param(20, "most Levenberg-Marquardt iterations in the window", 1, 100)
 
 
@@ -156,7 +157,7 @@ def sighting_factor(
 def _isam_params(params: SolverParams) -> gtsam.ISAM2Params:
     isam_params = gtsam.ISAM2Params()
     isam_params.setRelinearizeThreshold(params.relinearize_m_rad)
-    isam_params.relinearizeSkip = 1
+    isam_params.relinearizeSkip = params.relinearize_every
     return isam_params
 
 

@@ -211,9 +211,7 @@ class ObjectSlam:
         with self.stopwatch.timed("edge"):
             short_range = self._edges.short_range(record, records, tracks)
             closures = self._edges.loop_closures(record, records, tracks)
-        odometry, guessed = self._predictor.edge(
-            records[-1] if records else None, record, [*short_range, *closures]
-        )
+        odometry, guessed = self._predictor.edge(records[-1] if records else None, record, short_range)
         self._backend.add_keyframe(
             record, self._tracker.belief.T_map_camera, [*odometry, *guessed, *short_range], closures
         )
