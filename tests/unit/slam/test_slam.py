@@ -12,7 +12,7 @@ from neuse.params import build, flatten
 from neuse.records import ChangeKind, Edge, EdgeKind, MatchStatus, ObjectChange
 from neuse.slam.slam import ObjectSlam, SlamParams
 
-from .synthetic import small_world
+from .synthetic import large_world, small_world
 from .trajectories import ate_rmse_m
 
 WORLD = {
@@ -303,3 +303,17 @@ def test_empty_frames_are_no_problem(steps):
     empty = [replace(step.frame, observations=()) for step in islice(steps, 3)]
     frames = [slam.step(frame, None) for frame in empty]
     np.testing.assert_allclose(frames[-1].T_map_camera, np.eye(4), atol=1e-12)
+
+
+@pytest.mark.slow
+def test_large_world_is_tracked_within_30_mm_and_nothing_is_confused():
+    """The study's protocol: two passes, twins, blind frames, drifting odometry."""
+    world = large_world()
+    world.path = world.path[:620]  # until half of the tables are seen again from the other side
+    steps = list(world.steps())
+    slam = make_slam(instantiation__max_range_m=4.5)
+    frames = play(slam, steps)
+    assert ate_rmse_m(slam.trajectory(), steps) < 0.03
+    names = names_of_ids(frames, steps)
+    assert all(len(given) == 1 for given in names.values())
+    assert len(names) == 50
