@@ -13,15 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuse.embedding.code import Code
 from neuse.errors import DegenerateGeometryError
 from neuse.geometry import Array, inverse, rotation_angle
 from neuse.params import CheckedParams, param
 from neuse.slam.checks import check_choice
 from neuse.slam.clique import max_weight_clique
+from neuse.slam.layout import Pairs, View, same_directions, same_layout
 from neuse.slam.library import Track, places_of, similarity
 from neuse.slam.localization import Belief, to_camera
-from neuse.slam.object_frames import ObjectFrames, frames_at
+from neuse.slam.object_frames import frames_at
 from neuse.slam.registration import align_frames
 
 GATE_SIGMAS = 3.0
@@ -62,33 +62,11 @@ class AssociationParams(CheckedParams):
 
 
 @dataclass(frozen=True)
-class View:
-    """The usable observations of one frame, reduced."""
-
-    codes: tuple[Code, ...]
-    frames: ObjectFrames
-    partial_centers: Array
-
-    def __len__(self) -> int:
-        return len(self.codes)
-
-
-@dataclass(frozen=True)
 class Association:
     """tracks: the match of every observation, or None.    T_map_camera: set where it was found anew."""
 
     tracks: tuple[Track | None, ...]
     T_map_camera: Array | None = None
-
-
-@dataclass(frozen=True)
-class _Pairs:
-    """p possible matches: observation `rows`, track `columns`, place gate (m) and distance over gate."""
-
-    rows: np.ndarray
-    columns: np.ndarray
-    gates_m: Array
-    weights: Array
 
 
 def associate(
@@ -164,7 +142,7 @@ def _offsets_and_gates(
 
 def _tracked_pairs(
     view: View, places: Array, shapes: Array, drift: Array, T_map_camera: Array, params: AssociationParams
-) -> _Pairs:
+) -> Pairs:
     """Pairs alike in shape and within the place gate that the drift since the last sight opens."""
     seen = to_camera(T_map_camera, places)[0]
     offsets_m = np.linalg.norm(view.frames.centers[:, None] - seen[None], axis=-1)
@@ -175,16 +153,16 @@ def _tracked_pairs(
     rows, columns = np.nonzero((shapes >= least_shape) & (offsets_m <= gates_m))
     nearness = 1.0 - offsets_m[rows, columns] / gates_m[rows, columns]
     weights = 1.0 + 0.25 * np.maximum(shapes[rows, columns], 0.0) + 0.25 * nearness
-    return _Pairs(rows, columns, gates_m[rows, columns], weights)
+    return Pairs(rows, columns, gates_m[rows, columns], weights)
 
 
 def _heaviest_tracked(
-    view: View, places: Array, pairs: _Pairs, drift: Array, T_map_camera: Array, params: AssociationParams
+    view: View, places: Array, pairs: Pairs, drift: Array, T_map_camera: Array, params: AssociationParams
 ) -> dict[int, int]:
     """{row: column} of the heaviest clique, empty where too few objects agree for so wide a gate."""
-    consistent = _same_layout(view, places, pairs, params)
-    turn_sigmas = np.sqrt(drift[pairs.columns, 0])
-    consistent &= _same_directions(view, places, pairs, T_map_camera, turn_sigmas, params)
+    consistent = same_layout(view, places, pairs, params.clique_tolerance_m, params.clique_tolerance_rad)
+    turns_rad = GATE_SIGMAS * np.sqrt(drift[pairs.columns, 0])
+    consistent &= same_directions(view, places, pairs, T_map_camera, turns_rad, params.clique_tolerance_m)
     clique = max_weight_clique(consistent, pairs.weights, pairs.rows)
     if not clique or len(clique) < _needed(pairs.gates_m[clique].min(), params):
         return {}
@@ -200,45 +178,6 @@ def _needed(gate_m: float, params: AssociationParams) -> int:
     return 2 if gate_m <= params.pair_gate_m else 3
 
 
-def _same_layout(view: View, places: Array, pairs: _Pairs, params: AssociationParams) -> np.ndarray:
-    """(p, p) whether two pairs have equal distance and equal angle of axes here and in the map."""
-    i, m = pairs.rows, pairs.columns
-    here, there = view.frames.centers[i], places[0][m]
-    distances_here = np.linalg.norm(here[:, None] - here[None], axis=-1)
-    distances_there = np.linalg.norm(there[:, None] - there[None], axis=-1)
-    variances = view.frames.variances[0][i]
-    tolerances_m = params.clique_tolerance_m + np.sqrt(variances[:, None] + variances[None])
-    angles_here = _angles(view.frames.axes[i])
-    angles_there = _angles(places[1][m])
-    return (
-        (np.abs(distances_here - distances_there) <= tolerances_m)
-        & (np.abs(angles_here - angles_there) <= params.clique_tolerance_rad)
-        & (i[:, None] != i[None])
-        & (m[:, None] != m[None])
-    )
-
-
-def _same_directions(
-    view: View,
-    places: Array,
-    pairs: _Pairs,
-    T_map_camera: Array,
-    turn_sigmas: Array,
-    params: AssociationParams,
-) -> np.ndarray:
-    """(p, p) whether two pairs lie in equal directions from each other, as far as the attitude is known."""
-    here = view.frames.centers[pairs.rows] @ T_map_camera[:3, :3].T
-    there = places[0][pairs.columns]
-    between_here, between_there = here[:, None] - here[None], there[:, None] - there[None]
-    turns = GATE_SIGMAS * np.maximum(turn_sigmas[:, None], turn_sigmas[None])
-    tolerances_m = 2 * params.clique_tolerance_m + turns * np.linalg.norm(between_there, axis=-1)
-    return np.linalg.norm(between_here - between_there, axis=-1) <= tolerances_m
-
-
-def _angles(vectors: Array) -> Array:
-    return np.arccos(np.clip(vectors @ vectors.T, -1.0, 1.0))
-
-
 def _relocalize(
     view: View,
     tracks: Sequence[Track],
@@ -252,7 +191,7 @@ def _relocalize(
     if len(free) < 3:
         return {}, None
     pairs = _shape_pairs(tracks, shapes, free, set(matches.values()), params)
-    consistent = _same_layout(view, places, pairs, params)
+    consistent = same_layout(view, places, pairs, params.clique_tolerance_m, params.clique_tolerance_rad)
     clique = max_weight_clique(consistent, pairs.weights, pairs.rows)
     if len(clique) < 3 or _has_rival(clique, consistent, pairs):
         return {}, None
@@ -263,7 +202,7 @@ def _relocalize(
 
 def _shape_pairs(
     tracks: Sequence[Track], shapes: Array, free: list[int], taken: set[int], params: AssociationParams
-) -> _Pairs:
+) -> Pairs:
     usable = np.array([track.confirmed and m not in taken for m, track in enumerate(tracks)], dtype=bool)
     rows: list[int] = []
     columns: list[int] = []
@@ -273,10 +212,10 @@ def _shape_pairs(
         rows += [i] * len(best)
         columns += best.tolist()
     pair = np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)
-    return _Pairs(*pair, np.full(len(rows), np.inf), 1.0 + 0.25 * np.maximum(shapes[pair], 0.0))
+    return Pairs(*pair, np.full(len(rows), np.inf), 1.0 + 0.25 * np.maximum(shapes[pair], 0.0))
 
 
-def _has_rival(clique: list[int], consistent: np.ndarray, pairs: _Pairs) -> bool:
+def _has_rival(clique: list[int], consistent: np.ndarray, pairs: Pairs) -> bool:
     """Whether an equally large clique matches all of these observations differently."""
     rest = np.setdiff1d(np.arange(len(pairs.rows)), clique)
     rival = max_weight_clique(consistent[np.ix_(rest, rest)], pairs.weights[rest], pairs.rows[rest])

@@ -13,7 +13,8 @@ import numpy as np
 
 from neuse.errors import DegenerateGeometryError
 from neuse.geometry import Array, inverse, transform_points
-from neuse.slam.association import Association, AssociationParams, View
+from neuse.slam.association import Association, AssociationParams
+from neuse.slam.layout import View
 from neuse.slam.library import LastSighting, Track, similarity
 from neuse.slam.object_frames import ObjectFrames, join_frames
 from neuse.slam.registration import align_frames

@@ -23,13 +23,14 @@ from neuse.records import (
     TrackedFrame,
     TrackedObservation,
 )
-from neuse.slam.association import AssociationParams, View
+from neuse.slam.association import AssociationParams
 from neuse.slam.backends import Backend, EdgeBackend, LandmarkBackend
 from neuse.slam.checks import check_choice
 from neuse.slam.edges import EdgeBuilder, EdgeParams
 from neuse.slam.external import attach
 from neuse.slam.instantiation import InstantiationParams
 from neuse.slam.keyframes import KeyframeLibrary, KeyframeParams, KeyframeRecord
+from neuse.slam.layout import View
 from neuse.slam.library import Track
 from neuse.slam.object_frames import SigmaParams, is_usable, reduce_codes
 from neuse.slam.odometry import OdometryFix, OdometryParams

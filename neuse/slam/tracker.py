@@ -8,8 +8,9 @@ import numpy as np
 from neuse.embedding.code import Code
 from neuse.geometry import Array
 from neuse.records import Observation
-from neuse.slam.association import AssociationParams, View, associate, complete
+from neuse.slam.association import AssociationParams, associate, complete
 from neuse.slam.instantiation import InstantiationParams, expired, is_due, is_eligible, may_be_known
+from neuse.slam.layout import View
 from neuse.slam.library import LastSighting, ObjectLibrary, Track, drift_between, places_of, similarity
 from neuse.slam.localization import Belief, localize, to_map
 from neuse.slam.nearest import associate_nearest

@@ -7,7 +7,8 @@ import pytest
 
 from neuse.errors import ParamError
 from neuse.geometry import Array, exp, inverse, log, transform_points
-from neuse.slam.association import AssociationParams, View, associate, complete
+from neuse.slam.association import AssociationParams, associate, complete
+from neuse.slam.layout import View
 from neuse.slam.library import LastSighting, ObjectLibrary, Track, drift_between
 from neuse.slam.localization import Belief, to_map
 from neuse.slam.object_frames import reduce_codes
