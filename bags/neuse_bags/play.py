@@ -27,6 +27,7 @@ from neuse_bags.topics import FRAME_TOPICS, ODOMETRY
 from neuse_encoder_node.conversions import stamp_to_msg
 
 LATE_S = 0.05
+SETTLE_S = 2.0
 CLOCK_PERIOD_S = 0.01
 CLOCK_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 SENSOR_TYPES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/PointCloud2")
@@ -93,7 +94,7 @@ def wait_for_subscribers(node: Node, topics: Iterable[str], timeout_s: float, st
     while missing := [name for name in names if node.count_subscribers(name) == 0]:
         if time.monotonic() > deadline_s or stop.wait(0.05):
             return missing
-    stop.wait(0.3)  # discovery is mutual: the other side may learn of us a little later
+    stop.wait(SETTLE_S)  # each pair of processes discovers itself: others may know each other a little later
     return []
 
 
