@@ -32,7 +32,8 @@ def reconstruct(network: Network, code: Code, resolution_m: float) -> trimesh.Tr
     logits = _fine_logits(field, low, high, shape)
     step = (high - low) / (shape - 1)
     padded = np.pad(logits, 1, constant_values=OUTSIDE)
-    vertices, faces, _, _ = marching_cubes(padded, 0.0, gradient_direction="ascent", allow_degenerate=False)
+    padded[padded == 0.0] = -1e-4  # a surface through grid points would leave seams
+    vertices, faces, _, _ = marching_cubes(padded, 0.0, gradient_direction="ascent")
     mesh = trimesh.Trimesh((vertices - 1) * step + low, faces, process=False)
     mesh.vertices = transform_points(code.T_frame_object, mesh.vertices)
     return mesh
