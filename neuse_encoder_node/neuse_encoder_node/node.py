@@ -16,6 +16,7 @@ from neuse_encoder_node.qos import reliable, sensor
 from neuse_encoder_node.run import run
 from neuse_encoder_node.stage_node import StageNode, StageParams
 from neuse_encoder_node.stamps import StampJoin
+from neuse_encoder_node.weights import MEANING, SHIPPED, load_embeddings
 from neuse_msgs.msg import InstanceArray, ObjectObservationArray
 
 NAME = "encoder_node"
@@ -36,6 +37,7 @@ class EncoderNodeParams(StageParams):
     )
     join_size: int = param(20, "stamps that may wait for the rest of their messages", 1, 10000)
     output_depth: int = param(50, "depth of the reliable output queue", 1, 10000)
+    weights: tuple[str, ...] = param(SHIPPED, MEANING)
     encoder: ObserverParams = field(default_factory=ObserverParams)
 
 
@@ -46,7 +48,7 @@ class EncoderNode(StageNode):
         super().__init__(NAME, EncoderNodeParams())
 
     def build(self, params: EncoderNodeParams) -> None:
-        self._observer = Observer(params.encoder)
+        self._observer = Observer(params.encoder, load_embeddings(params.weights))
         self._join = StampJoin(list(INPUTS), params.join_size)
         self._observations = self.offer(
             ObjectObservationArray, "neuse/observations", reliable(params.output_depth)

@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from neuse.embedding.code import Code
-from neuse.embedding.embedding import load_embedding, shipped_categories
+from neuse.embedding.embedding import Embedding
 from neuse.errors import NeuseError
 from neuse.mapping.mapper import MapperParams, ObjectMapper
 from neuse.mapping.markers import MarkerBoard, map_points
@@ -24,6 +24,7 @@ from neuse_encoder_node.qos import latched, reliable
 from neuse_encoder_node.run import run
 from neuse_encoder_node.stage_node import StageNode, StageParams
 from neuse_encoder_node.stamps import NANOSECONDS
+from neuse_encoder_node.weights import MEANING, SHIPPED, load_embeddings
 from neuse_mapper_node import conversions
 from neuse_mapper_node.keyframe_match import KeyframeMatch
 from neuse_msgs.msg import KeyframeArray, ObjectMap, TrackedFrame
@@ -45,6 +46,7 @@ class MapperNodeParams(StageParams):
     map_frame: str = param("map", "name of the frame of the map")
     load_path: str = param("", "map file to go on with; empty: start with nothing")
     save_path: str = param("", "map file that is written when the node ends; empty: none")
+    weights: tuple[str, ...] = param(SHIPPED, MEANING)
     mapper: MapperParams = field(default_factory=MapperParams)
 
 
@@ -56,8 +58,9 @@ class MapperNode(StageNode):
 
     def build(self, params: MapperNodeParams) -> None:
         self._params = params
-        categories = shipped_categories()
-        self._mapper = ObjectMapper({name: self._decoder(name) for name in categories}, params.mapper)
+        embeddings = load_embeddings(params.weights)
+        decoders = {category: self._decoder(embedding) for category, embedding in embeddings.items()}
+        self._mapper = ObjectMapper(decoders, params.mapper)
         if params.load_path:
             self._mapper.load(params.load_path)
         self._match = KeyframeMatch()
@@ -65,13 +68,12 @@ class MapperNode(StageNode):
         self._next_map_ns = self._next_drawing_ns = 0
         self._connect(params.topic_depth)
 
-    def _decoder(self, category: str) -> Reconstruct:
-        """The decoder of a category, whose time is kept."""
-        reconstruct = load_embedding(category).reconstruct
+    def _decoder(self, embedding: Embedding) -> Reconstruct:
+        """A decoder whose time is kept."""
 
         def decode(code: Code) -> trimesh.Trimesh:
             with self.health.timed("decode"):
-                return reconstruct(code)
+                return embedding.reconstruct(code)
 
         return decode
 

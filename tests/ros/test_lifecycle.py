@@ -1,5 +1,7 @@
 """Nodes under a lifecycle manager, with wrong parameters, and told to change parameters while they work."""
 
+from pathlib import Path
+
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import State, Transition
@@ -90,4 +92,31 @@ def test_node_that_cannot_be_configured_says_why_and_waits(node: Node, start_nod
     peer.wait_for(lambda: peer.level == DiagnosticStatus.ERROR, "an error in /diagnostics")
     assert "/nowhere/table.map" in peer.message
     assert "cannot configure" in mapper.output
+    assert mapper.process.poll() is None
+    mapper.end()
+
+
+def test_damaged_weights_are_told_and_the_node_works_once_they_are_replaced(
+    node: Node, start_node, tmp_path: Path
+):
+    damaged = tmp_path / "mug.safetensors"
+    damaged.write_bytes(b"no weights")
+    encoder = start_node("encoder_node", weights=f"['{damaged}']")
+    peer = Peer(node, "encoder_node")
+    peer.wait_for(lambda: peer.level == DiagnosticStatus.ERROR, "an error in /diagnostics")
+    assert str(damaged) in peer.message
+    assert "Traceback" not in encoder.output
+
+    typed = ParameterValue(type=ParameterType.PARAMETER_STRING_ARRAY, string_array_value=["mug"])
+    request = SetParameters.Request(parameters=[Parameter(name="weights", value=typed)])
+    assert peer.call(SetParameters, "encoder_node/set_parameters", request).results[0].successful
+    configure = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))
+    assert peer.call(ChangeState, "encoder_node/change_state", configure).success
+    peer.wait_for(lambda: peer.level == DiagnosticStatus.OK, "recovery in /diagnostics")
+
+
+def test_missing_weights_are_told(node: Node, start_node):
+    mapper = start_node("mapper_node", weights="['unicorn']")
+    peer = Peer(node, "mapper_node")
+    peer.wait_for(lambda: "unicorn" in peer.message, "an error in /diagnostics")
     assert mapper.process.poll() is None
