@@ -29,7 +29,7 @@ $(VENV)/.wheels: requirements.txt pyproject.toml tools/make_venv.sh tools/repair
 	tools/make_venv.sh $(PYTHON) $(VENV)
 	touch $@
 
-install/.messages: $(VENV)/.wheels $(MESSAGE_SOURCES)
+install/.messages: $(MESSAGE_SOURCES) | $(VENV)/.wheels
 	rm -rf build/neuse_msgs install/neuse_msgs
 	$(COLCON) --packages-select neuse_msgs
 	touch $@
