@@ -17,6 +17,7 @@ from neuse.simulation.shapes import Shape
 
 PER_CATEGORY = 2
 CATEGORIES = ("mug", "bottle")
+BESIDE_LENS_M = 0.05
 
 
 @dataclass(frozen=True)
@@ -43,8 +44,8 @@ class Condition:
 class Sighting:
     """One object in one view.
 
-    visible: share of its pixels that nothing hides.    handle: share of the seen points that are on the
-    handle.
+    visible: share of its outline that neither others nor the image border hide.
+    handle: share of the seen points that are on the handle.
     """
 
     scene: int
@@ -116,9 +117,13 @@ def _view(
     """Sightings of one pose, by condition."""
     range_m = float(np.exp(rng.uniform(*np.log(conditions[0].range_m))))
     elevation = np.radians(rng.triangular(4.0, 20.0, 85.0))
-    T_camera_world = draw_camera(elevation, range_m, rng)
+    T_camera_world = draw_camera(rng.uniform(0, 2 * np.pi), elevation, range_m, rng)
     rendering = CAMERA.render(scene, inverse(T_camera_world))
-    whole = [CAMERA.render(solo, inverse(T_camera_world)) for solo in alone]
+    n_pixels = np.bincount(rendering.label.ravel(), minlength=len(chosen) + 1)
+    visible = [
+        min(n_pixels[i + 1] / max(_outline_px(alone[i], shape, T_camera_world @ places[i], places[i]), 1), 1)
+        for i, shape in enumerate(chosen)
+    ]
     sightings = {}
     for condition in conditions:
         depth_m, mask = apply_faults(rendering.depth_m, rendering.label, condition.faults(range_m), rng)
@@ -131,7 +136,7 @@ def _view(
                 chosen[seen.label - 1],
                 seen.code,
                 T_camera_world @ places[seen.label - 1],
-                _visible_share(rendering, whole[seen.label - 1], seen.label),
+                visible[seen.label - 1],
                 _handle(
                     rendering, seen.label, chosen[seen.label - 1], T_camera_world @ places[seen.label - 1]
                 ),
@@ -141,8 +146,12 @@ def _view(
     return sightings
 
 
-def _visible_share(rendering: Rendering, whole: Rendering, label: int) -> float:
-    return float(np.sum(rendering.label == label) / max(np.sum(whole.label == label), 1))
+def _outline_px(alone: RayScene, shape: Shape, T_camera_object: Array, T_world_object: Array) -> float:
+    """Pixels of the whole object, hidden or beyond the border too; of one beside the lens, no number."""
+    vertices = transform_points(T_camera_object, shape.mesh.vertices)
+    if vertices[:, 2].min() < BESIDE_LENS_M:
+        return np.inf
+    return CAMERA.silhouette_px(alone, T_world_object @ inverse(T_camera_object), vertices)
 
 
 def _handle(rendering: Rendering, label: int, shape: Shape, T_camera_object: Array) -> float:

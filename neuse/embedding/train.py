@@ -2,13 +2,13 @@
 
     python -m neuse.embedding.train --category mug
 
-One long cosine over `--steps` batches. A batch is a pure function of seed and step, so a run that was
+The learning rate stays on a plateau and falls in the last stretch of `--steps` batches, so that a finished
+run can be prolonged (`--resume --steps MORE`). A batch is a pure function of seed and step, so a run that was
 stopped goes on from its checkpoint (`--resume`) exactly as if it had not been.
 """
 
 import argparse
 import json
-import math
 import shutil
 import signal
 import subprocess
@@ -38,22 +38,23 @@ from neuse.simulation.shapes import categories, is_ambiguous
 class TrainParams(CheckedParams):
     """One training run."""
 
-    steps: int = param(6500, "batches", 1)
-    shapes_per_batch: int = param(8, "N of the paper", 2)
-    views_per_shape: int = param(8, "M of the paper", 2)
+    steps: int = param(20000, "batches", 1)
+    shapes_per_batch: int = param(16, "N of the paper", 2)
+    views_per_shape: int = param(4, "M of the paper", 2)
     n_points: int = param(512, "points of a view", 32)
     anchors: int = param(96, "anchors of a view, until the last stretch", 16)
     anchors_last: int = param(256, "anchors of a view in the last stretch", 16)
-    last_stretch: float = param(0.25, "share of the steps", 0.0, 1.0)
+    last_stretch: float = param(0.2, "share of the steps", 0.0, 1.0)
     queries: int = param(48, "occupancy queries of a view", 1)
-    lr: float = param(1.5e-3, "highest learning rate", 0.0, 1.0)
+    lr: float = param(1e-3, "highest learning rate", 0.0, 1.0)
     warmup: int = param(300, "steps until it", 1)
+    decay: float = param(0.4, "share of the steps in which it falls to a hundredth", 0.0, 1.0)
     weight_decay: float = param(1e-3, "of AdamW", 0.0, 1.0)
     frame_weight: float = param(3.0, "weight of the frame loss", 0.0)
     occupancy_weight: float = param(1.0, "weight of the occupancy loss", 0.0)
-    shape_weight: float = param(0.1, "weight of the shape contrast", 0.0)
+    shape_weight: float = param(0.3, "weight of the shape contrast", 0.0)
     sigma_weight: float = param(0.1, "weight of the likelihood", 0.0)
-    shards: int = param(120, "training shards of 25 shapes", 1)
+    shards: int = param(200, "training shards of 25 shapes", 1)
     validation_shards: int = param(6, "validation shards", 1)
     seed: int = param(0, "of weights and batches", 0)
 
@@ -122,11 +123,10 @@ class Trainer:
         self.stopping = True
 
     def learning_rate(self) -> float:
-        """Warm-up, then one cosine to a hundredth."""
+        """Warm-up, plateau, then linearly down to a hundredth."""
         p = self.params
-        progress = (self.step - p.warmup) / max(p.steps - p.warmup, 1)
-        cosine = 0.5 * (1 + math.cos(math.pi * min(max(progress, 0.0), 1.0)))
-        return p.lr * min(1.0, (self.step + 1) / p.warmup) * (0.01 + 0.99 * cosine)
+        left = (p.steps - self.step) / max(p.decay * p.steps, 1.0)
+        return p.lr * min(1.0, (self.step + 1) / p.warmup) * (0.01 + 0.99 * min(1.0, left))
 
     def anchors(self) -> int:
         """Anchors at this step."""

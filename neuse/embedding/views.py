@@ -43,6 +43,7 @@ class ViewParams:
     clutter: tuple[int, int] = (1, 5)
     fixed_noise_m: float | None = None  # for evaluation: this depth noise at any range, no other faults
     mask_faults: bool = True
+    behind_clutter: float = 0.35  # share of the views with some other object before the principal one
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,7 @@ class Layout:
     shape: Shape
     T_world_object: Array
     on_table: bool
+    clutter_azimuths: tuple[float, ...]
     scene: RayScene
     alone: RayScene
 
@@ -110,17 +112,17 @@ def draw_layout(
     T_world_object = rest(shape, rng, anyhow=0.2)
     solids = [Solid(shape.mesh, T_world_object, 1)]
     reach = reach_m(shape, T_world_object)
+    azimuths = []
     for label in range(2, 2 + rng.integers(params.clutter[0], params.clutter[1] + 1)):
         other = others[int(rng.integers(len(others)))]
         T_world_other = rest(other, rng, anyhow=0.0)
         distance = reach + reach_m(other, T_world_other) + rng.uniform(0.003, 0.08)
-        angle = rng.uniform(0, 2 * np.pi)
-        T_world_other[:2, 3] = distance * np.array([np.cos(angle), np.sin(angle)])
+        azimuths.append(float(rng.uniform(0, 2 * np.pi)))
+        T_world_other[:2, 3] = distance * np.array([np.cos(azimuths[-1]), np.sin(azimuths[-1])])
         solids.append(Solid(other.mesh, T_world_other, label))
     on_table = bool(rng.random() < 0.6)
-    return Layout(
-        shape, T_world_object, on_table, RayScene([*solids, *room(rng, on_table)]), RayScene(solids[:1])
-    )
+    scene = RayScene([*solids, *room(rng, on_table)])
+    return Layout(shape, T_world_object, on_table, tuple(azimuths), scene, RayScene(solids[:1]))
 
 
 def rest(shape: Shape, rng: np.random.Generator, anyhow: float) -> Array:
@@ -157,14 +159,19 @@ def draw_view(layout: Layout, rng: np.random.Generator, params: ViewParams) -> d
     Returns:
         points (MAX_POINTS, 3) int16 in steps of POINT_UNIT_M about `partial_center`, random order, repeated
         where fewer were seen; n_points; partial_center (3,); T_camera_object (4, 4); visible share of the
-        object's pixels; handle share of the seen points; noise_m.
+        object's outline, hidden by others or cut by the image border alike; handle share of the seen points;
+        noise_m.
     """
     lowest_deg = max(params.elevation_deg[0], 4.0) if layout.on_table else params.elevation_deg[0]
     elevation = np.radians(rng.triangular(lowest_deg, 20.0, params.elevation_deg[1]))
     range_m = float(np.exp(rng.uniform(*np.log(params.range_m))))
-    T_camera_object = draw_camera(elevation, range_m, rng) @ layout.T_world_object
+    azimuth = rng.uniform(0, 2 * np.pi)
+    if rng.random() < params.behind_clutter:
+        azimuth = rng.choice(layout.clutter_azimuths) + rng.uniform(-0.4, 0.4)
+    T_camera_object = draw_camera(azimuth, elevation, range_m, rng) @ layout.T_world_object
     camera = HALF_CAMERA if range_m < HALF_CAMERA_BELOW_M else CAMERA
-    window = camera.window_around(transform_points(T_camera_object, layout.shape.mesh.vertices), margin_px=8)
+    vertices = transform_points(T_camera_object, layout.shape.mesh.vertices)
+    window = camera.window_around(vertices, margin_px=8)
     if window is None:
         return None
     T_world_camera = layout.T_world_object @ inverse(T_camera_object)
@@ -188,7 +195,7 @@ def draw_view(layout: Layout, rng: np.random.Generator, params: ViewParams) -> d
         "partial_center": partial_center.astype(np.float32),
         "T_camera_object": T_camera_object.astype(np.float32),
         "visible": np.float32(
-            len(true_surface) / max(_pixels(layout.alone, T_world_camera, camera.rays(window)), 1)
+            len(true_surface) / max(camera.silhouette_px(layout.alone, T_world_camera, vertices), 1)
         ),
         "handle": np.float32(
             handle_share(layout.shape, transform_points(inverse(T_camera_object), true_surface))
@@ -197,11 +204,11 @@ def draw_view(layout: Layout, rng: np.random.Generator, params: ViewParams) -> d
     }
 
 
-def draw_camera(elevation: float, range_m: float, rng: np.random.Generator) -> Array:
-    """T_camera_world at this range and elevation, with the world's origin somewhere in the image."""
-    azimuth, roll = rng.uniform(0, 2 * np.pi), rng.uniform(-0.3, 0.3)
+def draw_camera(azimuth: float, elevation: float, range_m: float, rng: np.random.Generator) -> Array:
+    """T_camera_world seen from the world's origin in this direction; the origin is somewhere in the image."""
+    roll = rng.uniform(-0.3, 0.3)
     aim = Rotation.from_euler("yx", rng.uniform([-0.35, -0.25], [0.35, 0.25]))  # origin off the image centre
-    look = Rotation.from_euler("ZX", [azimuth, -np.pi / 2 - elevation])  # optical z towards the origin
+    look = Rotation.from_euler("ZX", [azimuth + np.pi / 2, -np.pi / 2 - elevation])  # optical z to the origin
     R_camera_world = aim * Rotation.from_euler("z", roll) * look.inv()
     return make_transform(R_camera_world.as_matrix(), aim.apply([0, 0, range_m]))
 
@@ -211,12 +218,6 @@ def handle_share(shape: Shape, points_object: Array) -> float:
     if shape.ambiguous or len(points_object) == 0:
         return 0.0
     return float(np.mean(points_object[:, 0] > 1.05 * shape.extents[1]))
-
-
-def _pixels(alone: RayScene, T_world_camera: Array, rays: np.ndarray) -> float:
-    """Pixels that the object would cover unoccluded; every third row and column is tried."""
-    directions = rays[1::3, 1::3].reshape(-1, 3) @ T_world_camera[:3, :3].T.astype(np.float32)
-    return 9.0 * float(np.sum(alone.cast(T_world_camera[:3, 3], directions)["geomID"] >= 0))
 
 
 def _draw_faults(range_m: float, rng: np.random.Generator, params: ViewParams) -> SensorFaults:

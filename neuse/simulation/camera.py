@@ -140,11 +140,34 @@ class DepthCamera:
         if points_camera[:, 2].min() <= 0.0:
             return None
         k = self.intrinsics
-        u = points_camera[:, 0] / points_camera[:, 2] * k.fx + k.cx
-        v = points_camera[:, 1] / points_camera[:, 2] * k.fy + k.cy
-        u0, v0 = max(int(u.min()) - margin_px, 0), max(int(v.min()) - margin_px, 0)
-        u1, v1 = min(int(u.max()) + margin_px + 2, k.width), min(int(v.max()) + margin_px + 2, k.height)
+        (u_min, v_min), (u_max, v_max) = self._project_bounds(points_camera)
+        u0, v0 = max(int(u_min) - margin_px, 0), max(int(v_min) - margin_px, 0)
+        u1, v1 = min(int(u_max) + margin_px + 2, k.width), min(int(v_max) + margin_px + 2, k.height)
         return (u0, v0, u1, v1) if u0 < u1 and v0 < v1 else None
+
+    def silhouette_px(
+        self, scene: RayScene, T_world_camera: Array, points_camera: Array, stride: int = 3
+    ) -> float:
+        """Pixels that the scene would cover on an image without borders.
+
+        Args:
+            points_camera: (n, 3) points that bound the scene, camera frame, all in front of the camera.
+            stride: every stride-th row and column is tried.
+        """
+        k = self.intrinsics
+        low, high = self._project_bounds(points_camera)
+        x = (np.arange(np.floor(low[0]), high[0] + 1, stride) - k.cx) / k.fx
+        y = (np.arange(np.floor(low[1]), high[1] + 1, stride) - k.cy) / k.fy
+        rays = np.stack([*np.meshgrid(x, y), np.ones((len(y), len(x)))], axis=-1).reshape(-1, 3)
+        directions = (rays @ T_world_camera[:3, :3].T).astype(np.float32)
+        hits = scene.cast(T_world_camera[:3, 3], directions)
+        return stride**2 * float(np.sum(hits["geomID"] != NOTHING))
+
+    def _project_bounds(self, points_camera: Array) -> tuple[Array, Array]:
+        """Lowest and highest (u, v) of (n, 3) points in front of the camera; not clipped to the image."""
+        k = self.intrinsics
+        uv = points_camera[:, :2] / points_camera[:, 2:] * [k.fx, k.fy] + [k.cx, k.cy]
+        return uv.min(axis=0), uv.max(axis=0)
 
 
 def _embree_mesh(scene: EmbreeScene, solid: Solid) -> TriangleMesh:

@@ -134,10 +134,12 @@ def test_view_of_too_few_points_is_none():
 @pytest.mark.parametrize("seed", range(5))
 def test_camera_sees_the_origin_at_its_range_and_elevation(seed):
     rng = np.random.default_rng(seed)
-    elevation, range_m = rng.uniform(-0.2, 1.4), rng.uniform(0.3, 5.0)
-    T_camera_world = draw_camera(elevation, range_m, rng)
+    azimuth, elevation, range_m = rng.uniform(0, 6.2), rng.uniform(-0.2, 1.4), rng.uniform(0.3, 5.0)
+    T_camera_world = draw_camera(azimuth, elevation, range_m, rng)
     assert np.linalg.norm(T_camera_world[:3, 3]) == pytest.approx(range_m)
-    assert inverse(T_camera_world)[2, 3] == pytest.approx(range_m * np.sin(elevation))
+    x, y, z = inverse(T_camera_world)[:3, 3]
+    assert z == pytest.approx(range_m * np.sin(elevation))
+    assert np.arctan2(y, x) % (2 * np.pi) == pytest.approx(azimuth)
     assert HALF_CAMERA.window_around(T_camera_world[None, :3, 3]) is not None
 
 
