@@ -1,7 +1,7 @@
 """The whole system in one process, one step a frame: no ROS, no threads, repeatable to the last digit."""
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from neuse.embedding.observe import Observer, ObserverParams
 from neuse.mapping.mapper import MapperParams, ObjectMapper
@@ -42,11 +42,19 @@ class Pipeline:
         self._feedback = ChangeFeedback(self.params.feedback_delay_s)
 
     def step(self, frame: RgbdFrame, odometry: OdometrySample | None = None) -> PipelineResult:
-        """Encode, localise, map; changes reach the tracker as late as they do between processes."""
+        """Encode, localise, map."""
         started = time.perf_counter()
         observed = self.observer.observe(frame)
-        encoded = time.perf_counter()
-        for change in self._feedback.due(frame.stamp_ns):
+        encode_ms = 1e3 * (time.perf_counter() - started)
+        result = self.track(observed, odometry)
+        per_object_ms = encode_ms / max(len(observed.observations), 1)
+        stage_ms = {"encode": encode_ms, "encode_per_object": per_object_ms, **result.stage_ms}
+        return replace(result, stage_ms=stage_ms)
+
+    def track(self, observed: ObservedFrame, odometry: OdometrySample | None = None) -> PipelineResult:
+        """Localise and map an encoded frame; changes reach the tracker as late as between processes."""
+        started = time.perf_counter()
+        for change in self._feedback.due(observed.stamp_ns):
             self.slam.apply_change(change)
         tracked = self.slam.step(observed, odometry)
         localised = time.perf_counter()
@@ -54,11 +62,8 @@ class Pipeline:
         for change in changes:
             self._feedback.add(change)
         mapped = time.perf_counter()
-        n_objects = max(len(observed.observations), 1)
         stage_ms = {
-            "encode": 1e3 * (encoded - started),
-            "encode_per_object": 1e3 * (encoded - started) / n_objects,
-            "slam": 1e3 * (localised - encoded),
+            "slam": 1e3 * (localised - started),
             **self.slam.stopwatch.stage_ms,
             "map": 1e3 * (mapped - localised),
         }

@@ -1,4 +1,8 @@
-"""Procedural bottles: closed solids of revolution, or nearly, from vial to magnum, in real sizes."""
+"""Procedural bottles: closed solids of revolution, or nearly, from vial to magnum, in real sizes.
+
+Every family is narrower at the top than at the foot: of a body with two like ends nobody could tell which is
+up.
+"""
 
 from dataclasses import dataclass
 
@@ -79,7 +83,7 @@ FAMILIES: dict[str, Family] = {
         *_body((0.6, 0.78), bottom=(0.75, 1)), ((0.4, 0.6), (0.8, 0.84), EDGE), *_cap(0.85, (0.4, 0.65)),
     ), aspect=(1.1, 1.35)),
     "jar": Family((0.06, 0.2), (0.28, 0.5), (
-        *_body((0.6, 0.72), shoulder=EDGE), ((0.78, 0.9), (0.76, 0.78), EDGE), *_cap(0.8, (0.8, 1.0)),
+        *_body((0.6, 0.72), shoulder=EDGE), ((0.65, 0.85), (0.76, 0.78), EDGE), *_cap(0.8, (0.68, 0.88)),
     )),
     "flask": Family((0.12, 0.28), (0.22, 0.33), (
         ((0.4, 0.6), (0, 0), EDGE), ((1.2, 1.2), (0.04, 0.12), SMOOTH), ((1.2, 1.2), (0.45, 0.55), SMOOTH),
@@ -97,9 +101,6 @@ FAMILIES: dict[str, Family] = {
         ((0.55, 0.75), (0, 0), EDGE), ((1, 1), (0.15, 0.45), SMOOTH), ((0.75, 1), (0.55, 0.65), SMOOTH),
         ((0.35, 0.6), (0.75, 0.85), SOFT), ((0.4, 0.65), (1, 1), TIGHT),
     )),
-    "can": Family((0.09, 0.22), (0.17, 0.3), (
-        *_body((0.78, 0.9), shoulder=EDGE), ((0.6, 0.85), (0.9, 0.93), EDGE), *_cap(0.95, (0.6, 0.85)),
-    ), ridges=0.2),
     "magnum": Family((0.3, 0.39), (0.12, 0.17), (
         *_body((0.36, 0.5)), ((0.5, 0.65), (0.55, 0.65), SMOOTH), ((0.26, 0.34), (0.78, 0.84), SOFT),
         ((0.26, 0.32), (0.93, 0.93), TIGHT), *_cap(0.94, (0.34, 0.45)),
