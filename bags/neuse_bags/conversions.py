@@ -19,6 +19,11 @@ from neuse_slam_node.poses import pose_to_msg, transform_from_msg
 CAMERA_FRAME = "camera_optical_frame"
 WORLD_FRAME = "world"
 _ENCODINGS = {"mono8": np.uint8, "16UC1": np.uint16, "rgb8": np.uint8}
+# bytes of a pixel, and where its red, green and blue are
+_CHANNELS = {
+    **{"rgb8": (3, (0, 1, 2)), "bgr8": (3, (2, 1, 0)), "mono8": (1, (0, 0, 0))},
+    **{"rgba8": (4, (0, 1, 2)), "bgra8": (4, (2, 1, 0))},
+}
 
 
 def image_to_msg(pixels: np.ndarray, encoding: str, header: Header) -> Image:
@@ -28,6 +33,16 @@ def image_to_msg(pixels: np.ndarray, encoding: str, header: Header) -> Image:
     data = array("B", contiguous.tobytes())
     step = contiguous.strides[0]
     return Image(header=header, height=height, width=width, encoding=encoding, step=step, data=data)
+
+
+def color_from_msg(image: Image) -> np.ndarray | None:
+    """(h, w, 3) uint8 RGB; None for an encoding that only viewers know, or data that is cut."""
+    size, order = _CHANNELS.get(image.encoding, (0, ()))
+    row_bytes, n_bytes = image.width * size, image.step * image.height
+    if not 0 < row_bytes <= image.step or not 0 < n_bytes <= len(image.data):
+        return None
+    rows = np.frombuffer(image.data, dtype=np.uint8)[:n_bytes].reshape(image.height, image.step)
+    return rows[:, :row_bytes].reshape(image.height, image.width, size)[..., order]
 
 
 def depth_to_msg(depth_m: np.ndarray, header: Header) -> Image:

@@ -1,21 +1,22 @@
 """Compare what a run recorded with ground truth, and write report, tables and pictures into a folder.
 
-DIR gets report.json, report.html, trajectory.tum, edges.csv, changes.json, trajectory.png and map.png. Places
-in the map are compared with the world through the SE(3) alignment of the final camera path.
+DIR gets report.json, report.html, trajectory.tum, edges.csv, changes.json, trajectory.png, map.png and
+reconstructions.png. Places in the map are compared with the world through the SE(3) alignment of the final
+camera path. Without ground truth in BAG the figures that need it are null.
 """
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import neuse
 from neuse.errors import NeuseError
-from neuse.evaluation.estimate import Estimate
 from neuse.evaluation.map_scene import Reconstruct
 from neuse.evaluation.outputs import write_outputs
 from neuse.evaluation.report import summary_text
 from neuse_bags.cli import command_parser, run_command
 from neuse_bags.recording import read_estimate, read_truth
+from neuse_bags.views import read_observed, read_views
 
 
 def evaluate(args: argparse.Namespace) -> None:
@@ -26,14 +27,17 @@ def evaluate(args: argparse.Namespace) -> None:
 def evaluate_recording(recording: Path, truth_bag: Path, folder: Path) -> str:
     """Write all outputs of a recorded run; returns the summary for people."""
     estimate, truth = read_estimate(recording), read_truth(truth_bag)
-    report = write_outputs(folder, recording.stem, estimate, truth, _decoders(estimate))
-    return summary_text(report)
+    observed = read_observed(recording)
+    mapped = (item.category for item in estimate.final_map().objects)
+    decoders = _decoders([*mapped, *(o.code.category for frame in observed for o in frame.observations)])
+    views = read_views(truth_bag, observed, decoders)
+    return summary_text(write_outputs(folder, recording.stem, estimate, truth, decoders, views))
 
 
-def _decoders(estimate: Estimate) -> Mapping[str, Reconstruct]:
-    """Shipped decoders of the categories in the map; objects of others are drawn as boxes."""
+def _decoders(categories: Iterable[str]) -> Mapping[str, Reconstruct]:
+    """Shipped decoders; objects of other categories are drawn as boxes."""
     decoders = {}
-    for category in {item.category for item in estimate.final_map().objects}:
+    for category in sorted(set(categories)):
         try:
             decoders[category] = neuse.load_embedding(category).reconstruct
         except NeuseError as error:
@@ -45,7 +49,13 @@ def parser() -> argparse.ArgumentParser:
     """Arguments of the command."""
     made = command_parser("evaluate", __doc__)
     made.add_argument("recording", type=Path, metavar="RECORDING", help="bag with the topics of a run")
-    made.add_argument("--truth", type=Path, required=True, metavar="BAG", help="bag with ground truth")
+    made.add_argument(
+        "--truth",
+        type=Path,
+        required=True,
+        metavar="BAG",
+        help="bag that was played, with ground truth if known",
+    )
     made.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write into")
     return made
 

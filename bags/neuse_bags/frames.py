@@ -1,6 +1,7 @@
 """Segmented RGB-D frames in bags, both ways: written topic by topic, read back joined by their stamps."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from neuse_bags import topics
 from neuse_bags.conversions import (
     CAMERA_FRAME,
     camera_info_to_msg,
+    color_from_msg,
     depth_to_msg,
     image_to_msg,
     mask_to_msg,
@@ -36,15 +38,20 @@ def write_frame(writer: BagWriter, frame: RgbdFrame) -> None:
         writer.write(topics.COLOR_INFO.name, info, frame.stamp_ns)
 
 
-def read_frames(bag: BagReader, on_fault: Callable[[InputError], None]) -> Iterator[RgbdFrame]:
+def read_frames(
+    bag: BagReader, on_fault: Callable[[InputError], None], stamps_ns: Collection[int] | None = None
+) -> Iterator[RgbdFrame]:
     """The frames of a bag, without colour; what cannot be used is told to `on_fault` and left out.
 
+    stamps_ns: of the wanted frames; None for all.
     Raises:
         BagError: a topic is missing, or the bag is damaged.
     """
     bag.require(JOINED)
     join = StampJoin(JOINED, JOIN_CAPACITY)
     for message in bag.messages(JOINED):
+        if stamps_ns is not None and message.header_stamp_ns not in stamps_ns:
+            continue
         decoded = message.decode()
         joined = join.add(message.topic, stamp_from_msg(decoded.header.stamp), decoded)
         for stamp_ns, missing in join.take_lost():
@@ -55,6 +62,14 @@ def read_frames(bag: BagReader, on_fault: Callable[[InputError], None]) -> Itera
             yield frame_from_msgs(*joined)
         except InputError as error:
             on_fault(error)
+
+
+def with_color(bag: BagReader, frames: Sequence[RgbdFrame]) -> list[RgbdFrame]:
+    """The same frames with the colour images of their stamps, where the bag has any."""
+    stamps_ns = {frame.stamp_ns for frame in frames}
+    images = (m for m in bag.messages([topics.COLOR.name]) if m.header_stamp_ns in stamps_ns)
+    colors = {message.header_stamp_ns: color_from_msg(message.decode()) for message in images}
+    return [replace(frame, color=colors.get(frame.stamp_ns)) for frame in frames]
 
 
 class OdometryTrack:

@@ -1,5 +1,6 @@
 """Bags on disk, both ways: MCAP of profile ros2, zstd, with definitions and QoS inside."""
 
+import struct
 from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
@@ -39,6 +40,13 @@ class RawMessage:
     type_name: str
     stamp_ns: int
     data: bytes
+
+    @property
+    def header_stamp_ns(self) -> int:
+        """Stamp of a message that begins with a std_msgs/Header, without decoding all of it."""
+        little_endian = self.data[1] & 1  # of the four bytes that say how the rest is encoded
+        seconds, nanoseconds = struct.unpack_from("<iI" if little_endian else ">iI", self.data, 4)
+        return seconds * 10**9 + nanoseconds
 
     def decode(self) -> Any:
         """The message object; raises BagError if its type is not installed here."""

@@ -14,6 +14,8 @@ from neuse.evaluation.estimate import Estimate
 from neuse.evaluation.evaluation import Evaluation, evaluate
 from neuse.evaluation.map_scene import Reconstruct, SceneBuilder, level_frame, upward
 from neuse.evaluation.nees import edge_nees
+from neuse.evaluation.reconstruction_plots import reconstruction_figure
+from neuse.evaluation.reconstructions import ReconstructedFrame, reconstructions_dict
 from neuse.evaluation.report import html_page, report_dict, write_json
 from neuse.evaluation.trajectory import Trajectory, tum_lines
 from neuse.evaluation.truth import Truth
@@ -30,11 +32,17 @@ _log = logging.getLogger(__name__)
 
 
 def write_outputs(
-    folder: Path, title: str, estimate: Estimate, truth: Truth | None, reconstruct: Mapping[str, Reconstruct]
+    folder: Path,
+    title: str,
+    estimate: Estimate,
+    truth: Truth | None,
+    reconstruct: Mapping[str, Reconstruct],
+    views: Sequence[ReconstructedFrame] = (),
 ) -> dict[str, Any]:
     """Evaluate a run; write report.json, report.html, trajectory.tum, edges.csv, changes.json and pictures.
 
     truth: None where it is not known; the figures that need it are null.    reconstruct: see SceneBuilder.
+    views: frames with what was decoded from each alone.
     Returns:
         The content of report.json.
     """
@@ -42,7 +50,10 @@ def write_outputs(
     evaluation = _evaluation(estimate, truth)
     builder = SceneBuilder(reconstruct, _picture_frame(estimate, evaluation))
     pictures = list(_pictures(folder, estimate, truth, evaluation, builder))
-    report = report_dict(estimate, evaluation)
+    if views:
+        data = _saved(folder / "reconstructions.png", plots.png(reconstruction_figure(views)))
+        pictures.append(("Observed objects and their reconstructions", data))
+    report = report_dict(estimate, evaluation) | {"reconstructions": reconstructions_dict(views)}
     report["stage_ms"]["decode"] = estimate.stage_ms.get("decode", builder.decode_ms())
     write_json(folder / "report.json", report)
     write_json(folder / "changes.json", changes_dict(estimate, truth, evaluation))

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import trimesh
@@ -24,6 +25,20 @@ class ColoredMesh:
 
     mesh: trimesh.Trimesh
     color: tuple[float, float, float]
+
+
+class Camera(Protocol):
+    """What `render` needs of a camera; directions of rays may have any length."""
+
+    @property
+    def T_world_camera(self) -> Array: ...
+
+    @property
+    def shape_px(self) -> tuple[int, int]:
+        """(height, width) of the supersampled picture."""
+
+    def rays(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n, 3) float32 origins and directions, row by row, supersampled."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +97,7 @@ def view_obliquely(
     return View(make_transform(R_world_camera, eye), size_m, width_px / size_m[0])
 
 
-def render(meshes: Sequence[ColoredMesh], view: View, plane_z: float | None = None) -> np.ndarray:
+def render(meshes: Sequence[ColoredMesh], view: Camera, plane_z: float | None = None) -> np.ndarray:
     """(h, w, 3) uint8 picture of meshes, on a plane at height `plane_z` if given."""
     solids = [Solid(item.mesh, np.eye(4)) for item in meshes]
     colors = [item.color for item in meshes]
@@ -127,7 +142,7 @@ def _normals(scene: RayScene, hits: dict[str, np.ndarray]) -> np.ndarray:
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
 
 
-def _plane(view: View, plane_z: float) -> trimesh.Trimesh:
+def _plane(view: Camera, plane_z: float) -> trimesh.Trimesh:
     """A large quad below everything in view."""
     x, y = view.T_world_camera[:2, 3]
     far = 4 * FAR_M

@@ -15,6 +15,11 @@ from neuse.records import EdgeKind, MapObject, ObjectStatus
 STYLE = """body { font: 15px/1.5 system-ui, sans-serif; max-width: 68em; margin: 2em auto; color: #222 }
 table { border-collapse: collapse; margin: 1em 0 } td, th { border: 1px solid #ccc; padding: .25em .7em }
 th { background: #f3f3f3; text-align: left } img { max-width: 100% } h2 { margin-top: 1.6em }"""
+RECONSTRUCTION_TEXT = (
+    "Each shape is decoded from the code of this one view. Dots are the depth readings under its mask: black "
+    "within 1 cm of the surface, red further away. A high share says that the surface passes by what was "
+    "seen; whether the other side is right, and the object the right way up, only the pictures tell."
+)
 
 
 def report_dict(estimate: Estimate, evaluation: Evaluation | None) -> dict[str, Any]:
@@ -89,6 +94,7 @@ def summary_rows(report: Mapping[str, Any]) -> list[tuple[str, str]]:
     """The figures that matter most, as (name, value) for people."""
     traversals = report["ate_rmse_m_per_traversal"] or []
     changes, objects, edges = report["changes"], report["objects"], report["edges"]
+    shapes = report.get("reconstructions")
     return [
         ("frames", f"{report['frames']} ({report['blind_pairs']} pairs joined by odometry alone)"),
         ("path", _quantity(report["path_length_m"], "m", 1)),
@@ -103,6 +109,7 @@ def summary_rows(report: Mapping[str, Any]) -> list[tuple[str, str]]:
         ),
         ("objects mapped / true", f"{objects['mapped']} / {_count(objects['true'])}"),
         ("edges short range / loop / refused", _edge_counts(edges)),
+        ("points within 1 cm of their reconstruction", _shares(shapes)),
         ("edge NEES mean (6 is honest)", _quantity(report["nees"]["mean"], "", 2)),
         (
             "front end / system",
@@ -113,6 +120,13 @@ def summary_rows(report: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def _edge_counts(edges: Mapping[str, int]) -> str:
     return f"{edges['short_range']} / {edges['loop_closure']} / {edges['rejected']}"
+
+
+def _shares(shapes: Mapping[str, Any] | None) -> str:
+    if shapes is None:
+        return "-"
+    share = shapes["enclosed_share"]
+    return f"{share['mean']:.1%} (least {share['min']:.1%}, {len(shapes['instances'])} observations)"
 
 
 def summary_text(report: Mapping[str, Any]) -> str:
@@ -129,12 +143,33 @@ def html_page(title: str, report: Mapping[str, Any], pictures: Sequence[tuple[st
     """
     stages = [(name, _quantity(ms, "ms", 2)) for name, ms in report["stage_ms"].items()]
     figures = "\n".join(f"<h2>{html.escape(caption)}</h2>\n{_image(data)}" for caption, data in pictures)
+    figures += _reconstruction_part(report.get("reconstructions"))
     return (
         f"<!DOCTYPE html>\n<html lang='en'><head><meta charset='utf-8'><title>{html.escape(title)}</title>\n"
         f"<style>{STYLE}</style></head><body>\n<h1>{html.escape(title)}</h1>\n{_table(summary_rows(report))}\n"
         f"{figures}\n<h2>Mean time of each stage</h2>\n{_table(stages)}\n"
         f"<h2>All figures</h2>\n<pre>{html.escape(json.dumps(report, indent=2))}</pre>\n</body></html>\n"
     )
+
+
+def _reconstruction_part(shapes: Mapping[str, Any] | None) -> str:
+    """How much of what was seen each reconstruction explains, and what that does not say."""
+    if shapes is None:
+        return ""
+    header = ("seen at", "object", "distance", "depth readings", "within 1 cm of the surface")
+    rows = [
+        (
+            f"{item['stamp_ns'] / 1e9:.1f} s",
+            f"{item['label']}: {item['category']}",
+            _quantity(item["range_m"], "m", 2),
+            str(item["points"]),
+            f"{item['enclosed_share']:.1%}",
+        )
+        for item in shapes["instances"]
+    ]
+    lines = "".join(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    heads = "".join(f"<th>{name}</th>" for name in header)
+    return f"\n<p>{RECONSTRUCTION_TEXT}</p>\n<table><tr>{heads}</tr>{lines}</table>"
 
 
 def _table(rows: Sequence[tuple[str, str]]) -> str:

@@ -1,4 +1,8 @@
+from array import array
+
 import numpy as np
+import pytest
+from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 from neuse.evaluation.truth import TrueObject
@@ -6,6 +10,7 @@ from neuse.geometry import exp
 from neuse.records import Intrinsics
 from neuse_bags.conversions import (
     camera_info_to_msg,
+    color_from_msg,
     depth_to_msg,
     image_to_msg,
     mask_to_msg,
@@ -32,6 +37,39 @@ def test_depth_of_the_caller_is_left_as_it_is() -> None:
     depth_m = np.array([[np.nan, -1.0]], dtype=np.float32)
     depth_to_msg(depth_m, Header())
     np.testing.assert_array_equal(depth_m, [[np.nan, -1.0]])
+
+
+COLORS = np.random.default_rng(1).integers(0, 255, (4, 5, 3), dtype=np.uint8)
+ALPHA = np.full((4, 5, 1), 255, dtype=np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "pixels"),
+    [
+        ("rgb8", COLORS),
+        ("bgr8", COLORS[..., ::-1]),
+        ("rgba8", np.concatenate([COLORS, ALPHA], axis=2)),
+        ("bgra8", np.concatenate([COLORS[..., ::-1], ALPHA], axis=2)),
+    ],
+)
+def test_color_is_read_whatever_its_order_and_padding(encoding: str, pixels: np.ndarray) -> None:
+    rows = np.pad(pixels.reshape(4, -1), [(0, 0), (0, 3)])
+    image = Image(height=4, width=5, encoding=encoding, step=rows.shape[1], data=array("B", rows.tobytes()))
+    np.testing.assert_array_equal(color_from_msg(image), COLORS)
+
+
+def test_grey_image_is_read_as_color() -> None:
+    np.testing.assert_array_equal(
+        color_from_msg(image_to_msg(COLORS[..., 0], "mono8", Header())), COLORS[..., [0, 0, 0]]
+    )
+
+
+@pytest.mark.parametrize("change", [{"encoding": "yuv422"}, {"step": 3}, {"height": 5}, {"width": 0}])
+def test_color_that_cannot_be_shown_is_none(change: dict[str, object]) -> None:
+    image = image_to_msg(COLORS, "rgb8", Header())
+    for name, value in change.items():
+        setattr(image, name, value)
+    assert color_from_msg(image) is None
 
 
 def test_labels_beyond_a_byte_take_two_bytes() -> None:

@@ -1,11 +1,11 @@
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
+from real_frames import REAL_FRAMES, needs_real_frames
 
 from neuse_bags.convert import main
-from neuse_bags.frames import read_frames, read_odometry
+from neuse_bags.frames import read_frames, with_color
 from neuse_bags.mcap_file import BagReader
 
 
@@ -52,12 +52,10 @@ def test_arguments_for_ros_are_left_alone(picture_folder, tmp_path: Path) -> Non
     assert main(arguments) == 0
 
 
-REAL = Path(os.environ.get("NEUSE_REAL_FRAMES", "shared/real_frames"))
-
-
-@pytest.mark.skipif(not REAL.is_dir(), reason="set NEUSE_REAL_FRAMES to a folder of real frames")
+@needs_real_frames
 def test_real_frames_become_a_bag(tmp_path: Path) -> None:
-    assert main([str(REAL), "--out", str(tmp_path / "real.mcap")]) == 0
+    assert main([str(REAL_FRAMES), "--out", str(tmp_path / "real.mcap")]) == 0
     with BagReader(tmp_path / "real.mcap") as bag:
-        frames = list(read_frames(bag, pytest.fail))
+        frames = with_color(bag, list(read_frames(bag, pytest.fail)))
     assert [len(frame.instances) for frame in frames] == [3, 2, 1]
+    assert all(frame.color is not None for frame in frames)

@@ -8,7 +8,7 @@ from neuse.geometry import exp
 from neuse.records import OdometrySample, RgbdFrame
 from neuse_bags import topics
 from neuse_bags.conversions import camera_info_to_msg, depth_to_msg, mask_to_msg
-from neuse_bags.frames import OdometryTrack, read_frames, read_odometry, write_frame
+from neuse_bags.frames import OdometryTrack, read_frames, read_odometry, with_color, write_frame
 from neuse_bags.mcap_file import BagReader, BagWriter
 from neuse_encoder_node.conversions import header_to_msg, instances_to_msg
 
@@ -30,6 +30,16 @@ def test_frames_are_read_back_as_written(frames_bag: Path, frames: list[RgbdFram
             frame.instances,
             frame.intrinsics,
         )
+
+
+def test_wanted_frames_alone_are_read_and_get_their_color(frames_bag: Path, frames: list[RgbdFrame]) -> None:
+    wanted = frames[1::2]
+    with BagReader(frames_bag) as bag:
+        read = list(read_frames(bag, pytest.fail, {frame.stamp_ns for frame in wanted}))
+        colored = with_color(bag, read)
+    assert [frame.stamp_ns for frame in read] == [frame.stamp_ns for frame in wanted]
+    for back, frame in zip(colored, wanted, strict=True):
+        np.testing.assert_array_equal(back.color, frame.color)
 
 
 def test_frame_without_color_leaves_the_color_topics_empty(tmp_path: Path, frames: list[RgbdFrame]) -> None:

@@ -10,14 +10,27 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import trimesh
 
 from neuse.evaluation.estimate import Estimate
 from neuse.evaluation.outputs import EDGE_COLUMNS, write_outputs
+from neuse.evaluation.reconstructions import ReconstructedFrame, ReconstructedObject
 from neuse.evaluation.report import summary_text
 from neuse.evaluation.trajectory import FramePose, Trajectory, trajectory_of
 from neuse.evaluation.truth import TrueMap, TrueObject, Truth
 from neuse.geometry import exp, inverse, make_transform
-from neuse.records import ChangeKind, Edge, EdgeKind, Keyframe, ObjectChange, ObjectMap, ObjectStatus
+from neuse.records import (
+    ChangeKind,
+    Edge,
+    EdgeKind,
+    Intrinsics,
+    Keyframe,
+    ObjectChange,
+    ObjectMap,
+    ObjectStatus,
+    Observation,
+    RgbdFrame,
+)
 
 FIXED_KEYS = {
     "frames": None,
@@ -183,3 +196,26 @@ def test_run_that_saw_nothing_still_has_a_report(helix: Trajectory, tmp_path: Pa
     report = write_outputs(tmp_path, "run", Estimate(), Truth(helix), {})
     assert (report["frames"], report["ate_rmse_m"]) == (0, None)
     assert len(trajectory_of([], [])) == 0
+
+
+def test_views_give_a_picture_a_table_and_shares(run: Run, decode, tmp_path: Path) -> None:
+    pixels = np.full((48, 64), 0.9, dtype=np.float32)
+    camera = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+    frame = RgbdFrame(2 * 10**9, pixels, (pixels > 0).astype(np.int32), (), camera)
+    code = run.estimate.final_map().objects[0].code
+    shape = trimesh.creation.box([0.1] * 3, make_transform(np.eye(3), [0.0, 0.0, 0.95]))
+    item = ReconstructedObject(
+        Observation(1, 1.0, code, np.zeros((0, 3)), np.zeros(3), 9), shape, shape.vertices, np.arange(8) < 6
+    )
+    views = [ReconstructedFrame(frame, (item,))]
+    report = write_outputs(tmp_path, "run", run.estimate, None, {"mug": decode}, views)
+    assert report["reconstructions"]["enclosed_share"] == {"min": 0.75, "mean": 0.75}
+    assert "75.0% (least 75.0%, 1 observations)" in summary_text(report)
+    assert "<td>2.0 s</td><td>1: mug</td>" in (tmp_path / "report.html").read_text()
+    assert cv2.imread(str(tmp_path / "reconstructions.png")).std() > 5
+
+
+def test_without_views_there_are_no_reconstructions_in_the_report(written) -> None:
+    folder, report = written
+    assert report["reconstructions"] is None
+    assert not (folder / "reconstructions.png").exists()
