@@ -26,7 +26,7 @@ NODES = {
     "mapper_node": "neuse_mapper_node",
 }
 PATIENCE = {"queue_size": 1000, "finish_s": 600.0}  # a bag's frames shall all be used
-ENCODER_PATIENCE = PATIENCE | {"input_depth": 100}
+ENCODER_PATIENCE = PATIENCE | {"input_depth": 100, "input_reliable": True}
 BETWEEN_NODES = (topics.OBSERVATIONS, topics.FRAMES, topics.EDGES, topics.MAP)
 AWAITED = [t.name for t in (*topics.FRAME_TOPICS, topics.ODOMETRY, *BETWEEN_NODES)]
 START_S, END_S = 180.0, 660.0

@@ -6,6 +6,7 @@ its publishers offer, and stored byte for byte. Without TOPIC: everything under 
 
 import argparse
 import sys
+import time
 from functools import partial
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from neuse_bags.mcap_file import BagWriter
 
 DISCOVERY_PERIOD_S = 0.1
 QUEUE_DEPTH = 1000
+FINISH_S, QUIET_S = 5.0, 0.3
 DEFAULT_TOPICS = ("/diagnostics", "/tf")
 DEFAULT_PART = "/neuse/"
 
@@ -86,7 +88,18 @@ def record(args: argparse.Namespace) -> None:
         print(f"recording to {args.out}; Ctrl-C ends it", flush=True)
         while not stop.is_set():
             executor.spin_once(timeout_sec=0.1)
+        _take_what_has_arrived(executor, writer)
     _report(writer, recorder.missing())
+
+
+def _take_what_has_arrived(executor: SingleThreadedExecutor, writer: BagWriter) -> None:
+    """Spin on while messages come out of the queues, for a little while."""
+    end_s, quiet_s = time.monotonic() + FINISH_S, time.monotonic() + QUIET_S
+    while time.monotonic() < min(end_s, quiet_s):
+        before = writer.counts.total()
+        executor.spin_once(timeout_sec=0.05)
+        if writer.counts.total() > before:
+            quiet_s = time.monotonic() + QUIET_S
 
 
 def _report(writer: BagWriter, missing: set[str]) -> None:

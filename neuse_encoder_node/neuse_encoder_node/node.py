@@ -32,8 +32,9 @@ INPUTS = {
 class EncoderNodeParams(StageParams):
     """Parameters of encoder_node."""
 
-    input_depth: int = param(
-        5, "depth of the best-effort input queues; raise it for bags at full rate", 1, 10000
+    input_depth: int = param(5, "depth of the input queues; raise it for bags at full rate", 1, 10000)
+    input_reliable: bool = param(
+        False, "true: nothing is lost on the way, but publishers that are best effort are not heard"
     )
     join_size: int = param(20, "stamps that may wait for the rest of their messages", 1, 10000)
     output_depth: int = param(50, "depth of the reliable output queue", 1, 10000)
@@ -53,8 +54,9 @@ class EncoderNode(StageNode):
         self._observations = self.offer(
             ObjectObservationArray, "neuse/observations", reliable(params.output_depth)
         )
+        quality = reliable if params.input_reliable else sensor
         for topic, message_type in INPUTS.items():
-            self.listen(message_type, topic, partial(self._receive, topic), sensor(params.input_depth))
+            self.listen(message_type, topic, partial(self._receive, topic), quality(params.input_depth))
 
     def forget(self) -> None:
         """Frames are encoded one by one: there is nothing to forget."""

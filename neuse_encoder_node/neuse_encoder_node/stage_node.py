@@ -2,6 +2,7 @@
 
 import threading
 import time
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -94,10 +95,12 @@ class StageNode(LifecycleNode):
         self, message_type: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile
     ) -> None:
         """Subscribe until the node is cleaned up; nothing is heard while it is inactive."""
-        subscription = self.create_subscription(
-            message_type, topic, lambda message: callback(message) if self._active else None, qos
-        )
-        self._subscriptions_here.append(subscription)
+
+        def hear(message: Any) -> None:
+            if self._active:
+                self._guarded(lambda: callback(message), topic)
+
+        self._subscriptions_here.append(self.create_subscription(message_type, topic, hear, qos))
 
     def offer(self, message_type: type, topic: str, qos: QoSProfile) -> Any:
         """A publisher until the node is cleaned up; silent while it is inactive."""
@@ -130,7 +133,7 @@ class StageNode(LifecycleNode):
     def report(self) -> None:
         """Publish the node's diagnostics."""
         header = Header(stamp=self.get_clock().now().to_msg())
-        self._diagnostics.publish(self.health.report(self.get_name(), header))
+        self._diagnostics.publish(self.health.report(self.get_fully_qualified_name().lstrip("/"), header))
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         try:
@@ -192,18 +195,20 @@ class StageNode(LifecycleNode):
 
     def _work(self, entry: tuple[int, Any]) -> None:
         stamp_ns, item = entry
+        with self.lock:
+            self._guarded(lambda: self._process_in_order(stamp_ns, item), f"stamp {stamp_ns} ns")
+
+    def _guarded(self, act: Callable[[], None], what: str) -> None:
+        """Act upon a message; the node outlives whatever is wrong with it."""
         try:
-            with self.lock:
-                self._process_in_order(stamp_ns, item)
+            act()
         except InputError as error:
-            self.refuse(error.reason, f"{error} (stamp {stamp_ns} ns)")
+            self.refuse(error.reason, f"{error} ({what})")
         except NeuseError as error:
-            self.refuse(type(error).__name__, f"{error} (stamp {stamp_ns} ns)")
-        except Exception as error:  # the last guard of a thread that must not die of one message
-            self.refuse(
-                "internal_error", f"{error!r} (stamp {stamp_ns} ns); the frame is dropped, please report it"
-            )
-            self.get_logger().debug("internal error", exc_info=True)
+            self.refuse(type(error).__name__, f"{error} ({what})")
+        except Exception as error:  # the last guard: no message may end a node
+            self.refuse("internal_error", f"{error!r} ({what}); the message is dropped, please report it")
+            self.get_logger().debug(traceback.format_exc())
 
     def _process_in_order(self, stamp_ns: int, item: Any) -> None:
         succession = self._order.follow(stamp_ns)

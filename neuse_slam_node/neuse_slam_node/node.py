@@ -108,7 +108,13 @@ class SlamNode(StageNode):
             self.health.add_time(stage, milliseconds / 1e3)
         self._count_faults(stamp_ns)
         self._publish(frame)
-        if odometry is not None and self._map_frame is not None:
+        if odometry is not None:
+            self._broadcast(frame, odometry)
+
+    def _broadcast(self, frame: TrackedFrame, odometry: OdometrySample) -> None:
+        """Map -> odom, from odometry of this very moment that names its frame."""
+        age_s = abs(frame.stamp_ns - odometry.stamp_ns) / NANOSECONDS
+        if self._map_frame is not None and self._odom_frame and age_s <= self._params.slam.odometry.max_age_s:
             self._map_frame.broadcast(frame, odometry.T_odom_camera, self._odom_frame)
 
     def flush(self) -> None:

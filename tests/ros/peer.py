@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import GetState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -38,6 +39,13 @@ class Peer:
         publisher = self._node.create_publisher(message_type, topic, qos)
         self._publishers[topic] = publisher
         self.wait_for(lambda: publisher.get_subscription_count() > 0, f"a subscriber of {topic}")
+
+    def meet(self) -> None:
+        """Make sure that the node under test knows all publishers and subscribers of this side.
+
+        Endpoints get known in the order in which they were made, those of the service call are the last.
+        """
+        self.call(GetState, f"{self._name}/get_state", GetState.Request())
 
     def send(self, topic: str, message: Any) -> None:
         self._publishers[topic].publish(message)

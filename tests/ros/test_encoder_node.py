@@ -56,9 +56,8 @@ def camera(node: Node, encoder) -> Camera:
     peer.listen(ObjectObservationArray, "neuse/observations")
     for topic, message_type in INPUTS.items():
         peer.connect(message_type, topic, SENSOR)
-    camera = Camera(peer)
-    peer.wait_for(lambda: node.count_publishers("neuse/observations"), "publisher of observations")
-    return camera
+    peer.meet()
+    return Camera(peer)
 
 
 def assert_good(message: ObjectObservationArray) -> None:

@@ -87,8 +87,7 @@ def mapped(node: Node, mapper) -> Mapper:
     peer.listen(PointCloud2, "neuse/map_points", LATCHED)
     peer.connect(TrackedFrameMsg, "neuse/frames")
     peer.connect(KeyframeArray, "neuse/keyframes", QoSProfile(depth=100, durability=LATCHED.durability))
-    for topic in peer.heard:
-        peer.wait_for(lambda name=topic: node.count_publishers(name), f"publisher of {topic}")
+    peer.meet()
     return Mapper(peer, maps)
 
 

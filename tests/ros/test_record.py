@@ -64,7 +64,6 @@ def session(tmp_path_factory: pytest.TempPathFactory, node: Node, start_bags) ->
     unsure.publish(UInt32(data=3))
     other.publish(String(data="not asked for"))
     late.wait_for_all_acked()
-    time.sleep(0.5)
     return Session(path, changes, _end(process, signal.SIGINT), process.returncode)
 
 
@@ -114,7 +113,6 @@ def test_default_choice_is_what_the_nodes_put_out_and_sigterm_ends_it_whole(
     _wait_for_recorder(mapped)
     mapped.publish(String(data="map"))
     mapped.wait_for_all_acked()
-    time.sleep(0.5)
     _end(process, signal.SIGTERM)
     assert process.returncode == 0
     with BagReader(tmp_path / "default.mcap") as bag:

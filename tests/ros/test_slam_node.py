@@ -77,8 +77,7 @@ def tracker(node: Node, slam) -> Tracker:
     peer.connect(Odometry, "odom")
     peer.connect(PoseGraphEdgeArray, "neuse/external_edges")
     peer.connect(ObjectChange, "neuse/changes")
-    for topic in peer.heard:
-        peer.wait_for(lambda name=topic: node.count_publishers(name), f"publisher of {topic}")
+    peer.meet()
     return Tracker(peer, list(small_world().steps()))
 
 

@@ -5,7 +5,7 @@ import pytest
 from real_frames import REAL_FRAMES, needs_real_frames
 
 from neuse_bags.convert import main
-from neuse_bags.frames import read_frames, with_color
+from neuse_bags.frames import read_frames, read_odometry, with_color
 from neuse_bags.mcap_file import BagReader
 
 
