@@ -1,6 +1,7 @@
 """What the commands have in common: exit codes, one line for bad input, a clean end on signals."""
 
 import argparse
+import math
 import signal
 import sys
 import threading
@@ -12,7 +13,7 @@ import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from neuse.errors import NeuseError
+from neuse.errors import NeuseError, ParamError
 
 BAD_INPUT = 2
 INTERRUPTED = 130
@@ -43,9 +44,19 @@ def run_command(
     except NeuseError as error:
         print(f"{parser.prog}: {error}", file=sys.stderr)
         return BAD_INPUT
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"{parser.prog}: {where}{error.strerror or error}; choose another place", file=sys.stderr)
+        return BAD_INPUT
     except KeyboardInterrupt:
         return INTERRUPTED
     return 0
+
+
+def check_at_least(option: str, value: float, least: float, hint: str) -> None:
+    """Raises ParamError unless least <= value < infinity."""
+    if not least <= value < math.inf:
+        raise ParamError(f"{option} {value} must be at least {least:g} and finite; {hint}")
 
 
 @contextmanager

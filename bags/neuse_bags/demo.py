@@ -1,6 +1,6 @@
 """The whole graph on a simulated bag: three nodes, a recorder and a player as processes of their own.
 
-Simulates the world unless BAG is there, plays it to the nodes, records what they publish into
+Simulates the world unless DIR/<preset>.mcap is there, plays it to the nodes, records what they publish into
 DIR/recording.mcap, and writes all that evaluate writes. What each process says goes to DIR/logs/.
 """
 
@@ -17,8 +17,10 @@ from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 
 from neuse.errors import NeuseError
 from neuse_bags import simulate, topics
-from neuse_bags.cli import command_parser, run_command
-from neuse_bags.evaluate import evaluate_recording
+from neuse_bags.cli import check_at_least, command_parser, run_command
+from neuse_bags.evaluate import RECORDING, evaluate_recording, refuse_overwriting
+from neuse_bags.mcap_file import BagReader
+from neuse_bags.play import LEAST_RATE
 
 NODES = {
     "encoder_node": "neuse_encoder_node",
@@ -121,10 +123,12 @@ def record_graph(bag: Path, recording: Path, rate: float, logs: Path) -> None:
 
 def demo(args: argparse.Namespace) -> None:
     """The command."""
-    bag = args.bag or args.out / f"{args.preset}.mcap"
-    if not bag.exists():
+    check_at_least("--rate", args.rate, LEAST_RATE, "1 is the recorded pace")
+    bag, recording = args.bag or args.out / f"{args.preset}.mcap", args.out / RECORDING
+    refuse_overwriting(bag, recording)
+    if args.bag is None and not bag.exists():
         _simulate(args.preset, bag)
-    recording = args.out / "recording.mcap"
+    BagReader(bag).close()  # a bag that cannot be read is told before anything starts
     record_graph(bag, recording, args.rate, args.out / "logs")
     print(evaluate_recording(recording, bag, args.out))
     print(f"report: {args.out / 'report.html'}")
@@ -157,7 +161,7 @@ def parser() -> argparse.ArgumentParser:
     made = command_parser("demo", __doc__)
     made.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write into")
     made.add_argument("--preset", default="tabletop", help="world to simulate (tabletop)")
-    made.add_argument("--bag", type=Path, metavar="BAG", help="bag to play (DIR/<preset>.mcap)")
+    made.add_argument("--bag", type=Path, metavar="BAG", help="bag to play instead of a simulated one")
     made.add_argument("--rate", type=float, default=1.0, metavar="R", help="times the recorded pace (1)")
     return made
 

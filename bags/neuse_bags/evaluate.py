@@ -10,13 +10,15 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import neuse
-from neuse.errors import NeuseError
+from neuse.errors import BagError, NeuseError
 from neuse.evaluation.map_scene import Reconstruct
 from neuse.evaluation.outputs import write_outputs
 from neuse.evaluation.report import summary_text
 from neuse_bags.cli import command_parser, run_command
 from neuse_bags.recording import read_estimate, read_truth
 from neuse_bags.views import read_observed, read_views
+
+RECORDING = "recording.mcap"
 
 
 def evaluate(args: argparse.Namespace) -> None:
@@ -32,6 +34,12 @@ def evaluate_recording(recording: Path, truth_bag: Path, folder: Path) -> str:
     decoders = _decoders([*mapped, *(o.code.category for frame in observed for o in frame.observations)])
     views = read_views(truth_bag, observed, decoders)
     return summary_text(write_outputs(folder, recording.stem, estimate, truth, decoders, views))
+
+
+def refuse_overwriting(bag: Path, recording: Path) -> None:
+    """Raises BagError where the recording of a run would be written over the bag that is run."""
+    if bag.resolve() == recording.resolve():
+        raise BagError(f"{bag} would be overwritten by the recording of its own run; choose another --out")
 
 
 def _decoders(categories: Iterable[str]) -> Mapping[str, Reconstruct]:

@@ -18,14 +18,15 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
-from neuse.errors import BagError, ParamError
-from neuse_bags.cli import command_parser, ros_node, run_command, stop_on_signal
+from neuse.errors import BagError
+from neuse_bags.cli import check_at_least, command_parser, ros_node, run_command, stop_on_signal
 from neuse_bags.definitions import message_class
 from neuse_bags.mcap_file import BagReader, BagTopic
 from neuse_bags.qos import RELIABLE, SENSOR
 from neuse_bags.topics import FRAME_TOPICS, ODOMETRY
 from neuse_encoder_node.conversions import stamp_to_msg
 
+LEAST_RATE = 1e-3
 LATE_S = 0.05
 SETTLE_S = 2.0
 CLOCK_PERIOD_S = 0.01
@@ -120,13 +121,16 @@ def _offered(topic: BagTopic) -> QoSProfile:
 def _selected(bag: BagReader, names: list[str]) -> list[BagTopic]:
     wanted = [name if name.startswith("/") else f"/{name}" for name in names]
     bag.require(wanted)
-    return [topic for name, topic in bag.topics.items() if not wanted or name in wanted]
+    selected = [topic for name, topic in bag.topics.items() if not wanted or name in wanted]
+    if not any(topic.n_messages for topic in selected):
+        raise BagError(f"{bag.path} has no messages to play; was its recording ended too soon?")
+    return selected
 
 
 def play(args: argparse.Namespace) -> None:
     """The command."""
-    if not args.rate > 0:
-        raise ParamError(f"--rate {args.rate} must be above 0; 1 is the recorded pace")
+    check_at_least("--rate", args.rate, LEAST_RATE, "1 is the recorded pace")
+    check_at_least("--wait-for", args.wait_for, 0.0, "0 does not wait")
     with stop_on_signal() as stop, BagReader(args.bag) as bag, ros_node("bag_player") as node:
         player = Player(node, bag, _selected(bag, args.topics), args.rate, args.clock)
         awaited = args.wait_topics or [name for name in NODE_INPUTS if name in bag.topics]

@@ -11,12 +11,12 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from neuse.errors import InputError
+from neuse.errors import BagError, InputError
 from neuse.pipeline import Pipeline
 from neuse_bags import topics
 from neuse_bags.cli import command_parser, run_command, stop_on_signal
-from neuse_bags.evaluate import evaluate_recording
-from neuse_bags.frames import read_frames, read_odometry
+from neuse_bags.evaluate import RECORDING, evaluate_recording, refuse_overwriting
+from neuse_bags.frames import JOINED, read_frames, read_odometry
 from neuse_bags.mcap_file import BagReader, BagWriter
 from neuse_bags.run_recorder import RunRecorder
 
@@ -38,10 +38,11 @@ def run_pipeline(bag: BagReader, writer: BagWriter, pipeline: Pipeline) -> Count
     """Every frame of a bag through a pipeline; returns counts of unusable input by reason.
 
     Raises:
+        BagError: the bag has no frame that can be used.
         KeyboardInterrupt: stopped by a signal; what was written is whole.
     """
     faults, recorder, odometry = Faults(), RunRecorder(writer, pipeline), read_odometry(bag)
-    total = bag.topics[topics.DEPTH.name].n_messages if topics.DEPTH.name in bag.topics else 0
+    total = bag.topics[JOINED[0]].n_messages
     with stop_on_signal() as stop:
         for frame in tqdm(read_frames(bag, faults.add), total=total, unit="frame"):
             try:
@@ -50,6 +51,8 @@ def run_pipeline(bag: BagReader, writer: BagWriter, pipeline: Pipeline) -> Count
                 faults.add(error)
             if stop.is_set():
                 raise KeyboardInterrupt
+    if not writer.counts[topics.FRAMES.name]:
+        raise BagError(f"{bag.path} has no frame of depth, mask, instances and camera info that can be used")
     recorder.add_changes(pipeline.mapper.finalize())
     recorder.finish()
     return faults.counts
@@ -57,9 +60,12 @@ def run_pipeline(bag: BagReader, writer: BagWriter, pipeline: Pipeline) -> Count
 
 def run(args: argparse.Namespace) -> None:
     """The command."""
-    recording = args.out / "recording.mcap"
-    with BagReader(args.bag) as bag, BagWriter(recording) as writer:
-        faults = run_pipeline(bag, writer, Pipeline())
+    recording = args.out / RECORDING
+    refuse_overwriting(args.bag, recording)
+    with BagReader(args.bag) as bag:
+        bag.require(JOINED)
+        with BagWriter(recording) as writer:
+            faults = run_pipeline(bag, writer, Pipeline())
     for reason, count in faults.items():
         print(f"run: {count} x {reason}", file=sys.stderr)
     print(evaluate_recording(recording, args.bag, args.out))

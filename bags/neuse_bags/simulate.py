@@ -18,7 +18,7 @@ from neuse.records import ObjectChange
 from neuse.simulation.worlds import PRESETS, SimulatedFrame, make_world, simulate
 from neuse.simulation.worlds import TrueObject as PlacedShape
 from neuse_bags import topics
-from neuse_bags.cli import command_parser, run_command, stop_on_signal
+from neuse_bags.cli import check_at_least, command_parser, run_command, stop_on_signal
 from neuse_bags.conversions import WORLD_FRAME, odometry_to_msg, true_map_to_msg
 from neuse_bags.frames import write_frame
 from neuse_bags.mcap_file import BagWriter
@@ -78,6 +78,8 @@ def _true_object(item: PlacedShape, n_seen: int) -> TrueObject:
 
 def simulate_bag(args: argparse.Namespace) -> None:
     """The command."""
+    if args.frames is not None:
+        check_at_least("--frames", args.frames, 1, "leave it out for all")
     world = make_world(args.preset, args.seed, args.meshes)
     n_frames = min(world.frames, args.frames or world.frames)
     with stop_on_signal() as stop, BagWriter(args.out) as writer:

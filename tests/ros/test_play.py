@@ -141,7 +141,7 @@ def test_player_says_when_it_cannot_keep_the_pace(tmp_path: Path, start_bags) ->
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["--rate", "0"], "--rate 0.0 must be above 0"),
+        (["--rate", "0"], "--rate 0.0 must be at least"),
         (["--topics", "odom", "nothing"], "lacks /nothing"),
     ],
 )

@@ -24,7 +24,7 @@ from neuse_msgs.msg import ObjectObservationArray
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 ENCLOSED_SHARE = 0.85
-N_SIMULATED = 4
+N_SIMULATED = 2
 
 
 @dataclass

@@ -4,8 +4,8 @@ import signal
 
 import pytest
 
-from neuse.errors import BagError
-from neuse_bags.cli import BAD_INPUT, INTERRUPTED, command_parser, run_command, stop_on_signal
+from neuse.errors import BagError, ParamError
+from neuse_bags.cli import BAD_INPUT, INTERRUPTED, check_at_least, command_parser, run_command, stop_on_signal
 
 
 @pytest.fixture(autouse=True)
@@ -25,6 +25,19 @@ def _fail(error: BaseException):
 def test_expected_error_is_one_line_and_exit_code_two(capsys) -> None:
     assert run_command(command_parser("play", ""), _fail(BagError("no such bag")), []) == BAD_INPUT
     assert capsys.readouterr().err == "neuse_bags play: no such bag\n"
+
+
+def test_place_that_cannot_be_written_is_one_line(capsys) -> None:
+    error = FileExistsError(17, "File exists", "some/file")
+    assert run_command(command_parser("run", ""), _fail(error), []) == BAD_INPUT
+    assert capsys.readouterr().err == "neuse_bags run: some/file: File exists; choose another place\n"
+
+
+@pytest.mark.parametrize("value", [0.9, -1.0, float("nan"), float("inf")])
+def test_number_out_of_bounds_is_refused_by_its_option(value: float) -> None:
+    with pytest.raises(ParamError, match=r"--frames .* must be at least 1 and finite; all"):
+        check_at_least("--frames", value, 1, "all")
+    check_at_least("--frames", 1, 1, "all")
 
 
 def test_interruption_is_told_by_the_exit_code() -> None:

@@ -29,7 +29,7 @@ from neuse.records import (
 from neuse_bags import topics
 from neuse_bags.mcap_file import BagReader, BagWriter
 from neuse_bags.recording import read_estimate
-from neuse_bags.run import run_pipeline
+from neuse_bags.run import main, run_pipeline
 
 CODE = Code("mug", False, np.arange(24.0).reshape(8, 3), np.full(8, 8**-0.5), np.full(6, 0.1))
 SIXTH = exp([0.1, 0.2, 0.3, 1.0, 2.0, 3.0])
@@ -178,3 +178,50 @@ def test_two_runs_record_the_same(ran, frames_bag: Path, tmp_path: Path) -> None
     with BagReader(ran[0]) as first, BagReader(again) as second:
         for a, b in zip(first.messages(timeless), second.messages(timeless), strict=True):
             assert (a.topic, a.stamp_ns, a.decode()) == (b.topic, b.stamp_ns, b.decode())
+
+
+BROKEN = {
+    "truncated": (lambda bag: bag[:-200], "truncated"),
+    "foreign": (lambda bag: b"hello", "not a ROS 2 bag"),
+    "empty": (lambda bag: b"", "not a ROS 2 bag"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_bag_that_cannot_be_read_is_told_in_one_line(
+    frames_bag: Path, tmp_path: Path, capsys, name: str
+) -> None:
+    spoil, complaint = BROKEN[name]
+    path = tmp_path / "a bag with spaces.mcap"
+    path.write_bytes(spoil(frames_bag.read_bytes()))
+    assert main([str(path), "--out", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert str(path) in line
+    assert complaint in line
+
+
+def test_bag_with_only_some_topics_is_told_and_nothing_is_written(tmp_path: Path, capsys) -> None:
+    with BagWriter(tmp_path / "some.mcap") as writer:
+        topics.declare(writer, (topics.DEPTH, topics.ODOMETRY))
+    assert main([str(tmp_path / "some.mcap"), "--out", str(tmp_path / "out")]) == 2
+    assert "lacks /depth/camera_info, /segmentation/instances, /segmentation/mask" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_bag_without_a_whole_frame_is_told(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "hollow.mcap") as writer:
+        topics.declare(writer, topics.FRAME_TOPICS)
+    with (
+        BagReader(tmp_path / "hollow.mcap") as bag,
+        BagWriter(tmp_path / "recording.mcap") as writer,
+        pytest.raises(BagError, match="has no frame of depth, mask"),
+    ):
+        run_pipeline(bag, writer, MadeUpPipeline())
+
+
+def test_bag_is_not_overwritten_by_its_own_run(frames_bag: Path, capsys) -> None:
+    bag = frames_bag.rename(frames_bag.with_name("recording.mcap"))
+    before = bag.read_bytes()
+    assert main([str(bag), "--out", str(bag.parent)]) == 2
+    assert "choose another --out" in capsys.readouterr().err
+    assert bag.read_bytes() == before

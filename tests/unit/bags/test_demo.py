@@ -1,0 +1,31 @@
+"""Arguments of the demo; the graph itself is tested with real processes."""
+
+from pathlib import Path
+
+import pytest
+
+from neuse_bags.demo import main
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["--rate", "0"], "--rate 0.0 must be at least"),
+        (["--bag", "nowhere.mcap"], "nowhere.mcap does not exist"),
+        (["--preset", "nowhere"], "unknown preset 'nowhere'"),
+    ],
+)
+def test_bad_argument_is_told_before_anything_starts(
+    tmp_path: Path, capsys, arguments: list[str], complaint: str
+) -> None:
+    assert main(["--out", str(tmp_path / "demo"), *arguments]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith("neuse_bags demo: ")
+    assert complaint in line
+    assert not (tmp_path / "demo" / "logs").exists()
+
+
+def test_bag_is_not_overwritten_by_its_own_recording(frames_bag: Path, capsys) -> None:
+    bag = frames_bag.rename(frames_bag.with_name("recording.mcap"))
+    assert main(["--out", str(bag.parent), "--bag", str(bag)]) == 2
+    assert "choose another --out" in capsys.readouterr().err
