@@ -12,18 +12,17 @@ from neuse.embedding.validation import decode_all, encode_all
 @torch.no_grad()
 def calibrate(network: Network, views: ViewSet, n_views: int = 2048) -> None:
     """Set `sigma_scale` and `occupancy_logit` of the network from held-out views, in place."""
-    network.eval()
     encoding, batch = encode_all(network, views, n_views)
-    error = frame_error(encoding.frame, batch.target, network.ambiguous)
-    normalised = torch.cat([error.rotation, error.translation], -1) * torch.exp(-encoding.log_sigmas)
-    # a robust spread, blind to flipped frames: 80 % of a normal distribution lie within 1.2816 sigmas
-    spread = normalised.abs().quantile(0.8, dim=0) / 1.2816
-    network.sigma_scale.copy_(spread.clamp(0.3, 5.0))
-    logits, occupied = decode_all(network, encoding, batch).numpy(), batch.occupied.numpy()
+    if network.architecture == "shipped":  # the paper's has no uncertainties
+        error = frame_error(encoding.frame, batch.target, network.ambiguous)
+        normalised = torch.cat([error.rotation, error.translation], -1) * torch.exp(-encoding.log_sigmas)
+        # a robust spread, blind to flipped frames: 80 % of a normal distribution lie within 1.2816 sigmas
+        spread = normalised.abs().quantile(0.8, dim=0) / 1.2816
+        network.sigma_scale.copy_(spread.clamp(0.3, 5.0))
+    logits, occupied = decode_all(network, encoding, batch).cpu().numpy(), batch.occupied.cpu().numpy()
     thresholds = np.linspace(-2.0, 0.5, 26)
-    network.occupancy_logit.fill_(
-        float(thresholds[np.argmax([_iou(logits > t, occupied) for t in thresholds])])
-    )
+    best = np.argmax([_iou(logits > threshold, occupied) for threshold in thresholds])
+    network.occupancy_logit.fill_(float(thresholds[best]))
 
 
 def _iou(predicted: np.ndarray, occupied: np.ndarray) -> float:

@@ -1,6 +1,8 @@
 """The embedding of one category as users meet it: clouds to codes, codes to meshes."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +48,7 @@ class Embedding:
     """Latent codes of partial clouds of one category, and full shapes of latent codes (NeuSE section III)."""
 
     def __init__(self, network: Network) -> None:
-        self.network = network.eval()
+        self.network = network
 
     @property
     def category(self) -> str:
@@ -75,9 +77,8 @@ class Embedding:
         centers = np.stack([array.mean(axis=0) for array in arrays])
         batch = np.stack([self._sample(array - c) for array, c in zip(arrays, centers, strict=True)])
         with torch.inference_mode():
-            encoding = self.network.encode(torch.from_numpy(batch))
-            z = self.network.latent(encoding).mT.double().numpy() * UNIT_M  # (B, k, 3)
-        return self._codes(encoding, z + centers[:, None])
+            encoding = self.network.encode(torch.from_numpy(batch).to(self.network.device))
+        return self._codes(encoding, centers)
 
     def reconstruct(self, code: Code, resolution_m: float = 0.0025) -> trimesh.Trimesh:
         """The full shape of a code as a closed mesh, in the frame of the code.
@@ -97,25 +98,41 @@ class Embedding:
     def _sample(self, cloud: Array) -> Array:
         """(n_points, 3) in network units, spread evenly over the order of the cloud, then shuffled."""
         n, wanted = len(cloud), self.network.config.n_points
-        even = (
-            np.linspace(0, n - 1, wanted).round().astype(int)
-            if n > wanted
-            else np.resize(np.arange(n), wanted)
-        )
-        shuffled = np.random.default_rng(0).permutation(wanted)
-        return cloud[even[shuffled]] / UNIT_M
+        order = _shuffled(wanted)
+        even = np.round(order * ((n - 1) / (wanted - 1))).astype(int) if n > wanted else order % n
+        return cloud[even] / UNIT_M
 
-    def _codes(self, encoding: Encoding, z: Array) -> list[Code]:
+    def _codes(self, encoding: Encoding, centers: Array) -> list[Code]:
+        z = encoding.z.mT.double().cpu().numpy() * UNIT_M + centers[:, None]  # (B, k, 3)
         sigmas = torch.exp(encoding.log_sigmas.clamp(-8, 3)) * self.network.sigma_scale
-        sigmas_si = np.maximum(sigmas.double().numpy() * ([1.0] * 3 + [UNIT_M] * 3), SIGMA_FLOOR)
+        sigmas_si = np.maximum(sigmas.double().cpu().numpy() * ([1.0] * 3 + [UNIT_M] * 3), SIGMA_FLOOR)
         sigmas_si[:, :3] = np.minimum(sigmas_si[:, :3], np.pi)
         if self.ambiguous:
             sigmas_si[:, 2] = np.pi
-        descriptors = encoding.descriptor.double().numpy()
+        descriptors = encoding.descriptor.double().cpu().numpy()
         return [
             Code(self.category, self.ambiguous, *fields)
             for fields in zip(z, descriptors, sigmas_si, strict=True)
         ]
+
+
+class LightEmbedding(Embedding):
+    """The appendix's light variant: two small codes, one for transforms and solids, one for descriptors."""
+
+    def __init__(self, pose: Network, shape: Network) -> None:
+        super().__init__(pose)
+        self.shape = Embedding(shape)
+
+    def encode(self, clouds: Sequence[ArrayLike]) -> list[Code]:
+        """As `Embedding.encode`, with the descriptors of the other network."""
+        pairs = zip(super().encode(clouds), self.shape.encode(clouds), strict=True)
+        return [replace(code, descriptor=other.descriptor) for code, other in pairs]
+
+
+@cache
+def _shuffled(n: int) -> np.ndarray:
+    """A fixed permutation of n."""
+    return np.random.default_rng(0).permutation(n)
 
 
 def _checked(cloud: ArrayLike, index: int) -> Array:

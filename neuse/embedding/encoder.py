@@ -14,8 +14,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from neuse.embedding.code import landmark_template
 from neuse.embedding.layers import VNLinear
-from neuse.embedding.local_geometry import N_INVARIANTS, N_VECTORS
+from neuse.embedding.local_geometry import N_INVARIANTS, N_VECTORS, local_geometry
 
 
 @dataclass(frozen=True)
@@ -34,12 +35,13 @@ class EncoderConfig:
 class Encoding(NamedTuple):
     """Outputs for a batch, in network units (0.1 m), relative to the partial centre.
 
-    frame: (B, 3, 4) centre and scaled axes [c, E_x, E_y, E_z].    free: (B, 3, k / 2) points for the decoder.
-    descriptor: (B, k) unit vectors.    log_sigmas: (B, 6).
+    z: (B, 3, k) latent points, z_0 of the paper.    frame: (B, 3, 4) centre and scaled axes [c, E_x, E_y,
+    E_z] that the landmarks, the first half of z, span.    descriptor: (B, k) unit vectors.    log_sigmas:
+    (B, 6).
     """
 
+    z: Tensor
     frame: Tensor
-    free: Tensor
     descriptor: Tensor
     log_sigmas: Tensor
 
@@ -84,6 +86,8 @@ def pool_vectors(weights: Tensor, vectors: Tensor) -> Tensor:
 class Encoder(nn.Module):
     """f_theta of NeuSE eq. 2 on a centred cloud (the caller adds the partial centre back)."""
 
+    template: Tensor
+
     def __init__(self, config: EncoderConfig, ambiguous: bool) -> None:
         super().__init__()
         self.config, self.ambiguous = config, ambiguous
@@ -97,9 +101,12 @@ class Encoder(nn.Module):
         summary = 2 * width + n_vectors
         self.to_descriptor = _head(summary, 2 * width, config.n_latent)
         self.to_sigmas = _head(summary, width, 6)
+        template = torch.tensor(landmark_template(config.n_latent), dtype=torch.float32)
+        self.register_buffer("template", template, persistent=False)
 
-    def forward(self, vectors: Tensor, invariants: Tensor) -> Encoding:
-        """Features of `local_geometry`, (B, M, 3, v) and (B, M, i) -> Encoding."""
+    def forward(self, points: Tensor, n_anchors: int) -> Encoding:
+        """(B, N, 3) centred clouds in network units -> Encoding."""
+        vectors, invariants = local_geometry(points, n_anchors)  # (B, M, 3, v), (B, M, i)
         vectors = vectors.flatten(2)  # (B, M, 3 v)
         s = self.embed(invariants)  # (B, M, width)
         G = self.start(pool_vectors(self.weigh(F.silu(s)), vectors))  # (B, 3, C_g)
@@ -110,7 +117,13 @@ class Encoder(nn.Module):
         if self.ambiguous:
             frame = frame * frame.new_tensor([1.0, 0.0, 0.0, 1.0])
         descriptor = F.normalize(self.to_descriptor(summary).float(), dim=-1)
-        return Encoding(frame, self.to_free(G), descriptor, self.to_sigmas(summary.detach()).float())
+        z = torch.cat([self.landmarks(frame), self.to_free(G)], -1)  # (B, 3, k)
+        return Encoding(z, frame, descriptor, self.to_sigmas(summary.detach()).float())
+
+    def landmarks(self, frame: Tensor) -> Tensor:
+        """(B, 3, k // 2) points c + E a_j."""
+        with torch.autocast(frame.device.type, enabled=False):
+            return frame[..., :1] + frame[..., 1:] @ self.template.T
 
 
 def _head(n_in: int, n_hidden: int, n_out: int) -> nn.Sequential:

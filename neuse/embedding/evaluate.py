@@ -8,7 +8,7 @@ Writes embedding.json and prints the table. With --meshes DIR the shapes are DIR
 import argparse
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,65 +16,84 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from neuse.embedding.embedding import Embedding, load_embedding
+from neuse.embedding.embedding import WEIGHTS, Embedding, LightEmbedding, load_embedding
 from neuse.embedding.figures import (
     PairError,
+    by_frames,
+    by_latents,
     descriptor_figures,
     flip_rate,
+    frame_figures,
     handle_seen,
     nees_by_bin,
     pair_errors,
     shape_figures,
     summarise,
 )
+from neuse.embedding.network import load_network, read_card
 from neuse.embedding.reconstruction import decode
+from neuse.embedding.shards import SPLIT_SEEDS
 from neuse.embedding.sightings import CATEGORIES, PER_CATEGORY, Condition, Sighting, draw_sightings
-from neuse.embedding.views import SPLIT_SEEDS
+from neuse.embedding.table import FAR, markdown_table, nees_table
+from neuse.errors import MeshError
 from neuse.simulation.meshes import load_meshes
 from neuse.simulation.shapes import Shape, sample_shape
 
+USUAL = "1.5 mm"
 CONDITIONS = (
     Condition("0 mm", 0.0),
-    Condition("1.5 mm", 0.0015),
+    Condition(USUAL, 0.0015),
     Condition("3 mm", 0.003),
     Condition("1.5 mm, mask faults", 0.0015, mask_faults=True),
-    Condition("far", 0.0015, growing=True, range_m=(2.6, 3.3)),
+    Condition(FAR, 0.0015, growing=True, range_m=(2.6, 3.3)),
 )
+USUAL_RANGE = tuple(condition.name for condition in CONDITIONS if condition.name != FAR)
 GROUPS = {
     "mug": {"mug": 1},
     "bottle": {"bottle": 1},
     "mug + bottle": {"mug": 1, "bottle": 1},
     "2 mugs + 2 bottles": {"mug": 2, "bottle": 2},
 }
+VIEWS = 6
 RECONSTRUCTIONS = 60
 
 
 def evaluate(
-    embeddings: Mapping[str, Embedding], shapes: Mapping[str, Sequence[Shape]], n_scenes: int, seed: int = 0
+    embeddings: Mapping[str, Embedding],
+    shapes: Mapping[str, Sequence[Shape]],
+    n_scenes: int,
+    seed: int = 0,
+    conditions: Sequence[Condition] = CONDITIONS,
 ) -> dict[str, Any]:
     """All figures by condition, from scenes of 2 mugs and 2 bottles in 6 views each."""
     rng = np.random.default_rng([SPLIT_SEEDS["test"], seed])
-    scenes = draw_sightings(shapes, embeddings, CONDITIONS, n_scenes, 6, rng)
-    errors: dict[str, dict[str, list[PairError]]] = {c.name: {g: [] for g in GROUPS} for c in CONDITIONS}
-    sightings: dict[str, list[Sighting]] = {c.name: [] for c in CONDITIONS}
-    for condition, seen in tqdm(scenes, total=n_scenes * len(CONDITIONS), unit="scene"):
+    has_frames = all(embedding.network.architecture == "shipped" for embedding in embeddings.values())
+    register = by_frames if has_frames else by_latents
+    errors: dict[str, dict[str, list[PairError]]] = {c.name: {g: [] for g in GROUPS} for c in conditions}
+    sightings: dict[str, list[Sighting]] = {c.name: [] for c in conditions}
+    scenes = draw_sightings(shapes, embeddings, conditions, n_scenes, VIEWS, rng)
+    for condition, seen in tqdm(scenes, total=n_scenes * len(conditions), unit="scene"):
         sightings[condition.name] += seen
         for group, n_each in GROUPS.items():
-            errors[condition.name][group] += pair_errors(seen, n_each)
-    figures: dict[str, Any] = {name: condition_figures(errors[name], sightings[name], rng) for name in errors}
+            errors[condition.name][group] += pair_errors(seen, n_each, register)
+    figures: dict[str, Any] = {}
+    for name, seen in sightings.items():
+        figures[name] = pose_figures(errors[name])
+        for category in CATEGORIES:
+            own = [s for s in seen if s.code.category == category]
+            figures[name][f"descriptor, {category}"] = descriptor_figures(own, rng)
+            if has_frames:
+                figures[name][f"frame, {category}"] = frame_figures(own)
     for category in CATEGORIES:
-        own = [s for s in sightings["1.5 mm"] if s.code.category == category and s.visible > 0.6]
-        sample = own[:: max(len(own) // RECONSTRUCTIONS, 1)][:RECONSTRUCTIONS]
+        sample = _reconstructed(sightings.get(USUAL, []), category)
         figures[f"{category} shape"] = shape_figures(embeddings[category], sample, rng)
     return figures | {"speed": speed(embeddings["mug"])}
 
 
-def condition_figures(
-    errors: Mapping[str, list[PairError]], sightings: Sequence[Sighting], rng: np.random.Generator
-) -> dict[str, Any]:
-    """Rows of the table under one condition."""
+def pose_figures(errors: Mapping[str, Sequence[PairError]]) -> dict[str, Any]:
+    """Rows of the table that are of pairs of views, under one condition, from the errors by group."""
     seen = handle_seen(errors["mug"])
-    figures: dict[str, Any] = {
+    return {
         "mug, handle seen, 0-30": summarise(seen, 0, 30),
         "mug, handle seen, 60-180": summarise(seen, 60, 180),
         "mug, handle seen": summarise(seen),
@@ -88,10 +107,12 @@ def condition_figures(
         "nees, mug + bottle": nees_by_bin(errors["mug + bottle"]),
         "nees, 2 mugs + 2 bottles": nees_by_bin(errors["2 mugs + 2 bottles"]),
     }
-    for category in CATEGORIES:
-        own = [s for s in sightings if s.code.category == category]
-        figures[f"descriptor, {category}"] = descriptor_figures(own, rng)
-    return figures
+
+
+def _reconstructed(sightings: Sequence[Sighting], category: str) -> list[Sighting]:
+    """Every so many of the well visible ones."""
+    own = [s for s in sightings if s.code.category == category and s.visible > 0.6]
+    return own[:: max(len(own) // RECONSTRUCTIONS, 1)][:RECONSTRUCTIONS]
 
 
 def speed(embedding: Embedding, repeats: int = 20) -> dict[str, float]:
@@ -107,7 +128,7 @@ def speed(embedding: Embedding, repeats: int = 20) -> dict[str, float]:
     }
 
 
-def _milliseconds(call: Any, repeats: int) -> float:
+def _milliseconds(call: Callable[[], object], repeats: int) -> float:
     """Median of `repeats` calls after three to warm up."""
     for _ in range(3):
         call()
@@ -120,9 +141,19 @@ def _milliseconds(call: Any, repeats: int) -> float:
 
 
 def unseen_shapes(meshes: Path | None, n_scenes: int, seed: int = 0) -> dict[str, list[Shape]]:
-    """Shapes of the test split, or the user's own."""
+    """Shapes of the test split, or the user's own.
+
+    Raises:
+        MeshError: a category has no meshes, or one cannot be used.
+    """
     if meshes is not None:
-        return {category: load_meshes(meshes, category) for category in CATEGORIES}
+        own = {category: load_meshes(meshes, category) for category in CATEGORIES}
+        for category, shapes in own.items():
+            if len(shapes) < PER_CATEGORY:
+                raise MeshError(
+                    f"{meshes}/{category} holds {len(shapes)} meshes; a scene takes {PER_CATEGORY}"
+                )
+        return own
     n = min(PER_CATEGORY * n_scenes, 400)
     return {
         category: [
@@ -135,27 +166,21 @@ def unseen_shapes(meshes: Path | None, n_scenes: int, seed: int = 0) -> dict[str
     }
 
 
-def print_table(figures: Mapping[str, Any]) -> None:
-    """Medians (90th percentiles) of the conditions, one row a figure."""
-    for condition in CONDITIONS:
-        print(f"\n{condition.name}")
-        for row, figure in figures[condition.name].items():
-            if "rotation_deg" in figure:
-                angle, shift = figure["rotation_deg"], figure["translation_mm"]
-                print(
-                    f"  {row:26} n {angle['n']:5d}   {angle['median']:6.2f} ({angle['p90']:6.2f}) deg"
-                    f"   {shift['median']:6.2f} ({shift['p90']:6.2f}) mm"
-                )
-            elif not row.startswith("nees"):
-                print(f"  {row:26} " + "   ".join(f"{k} {v:.4g}" for k, v in figure.items()))
-    nees = figures["1.5 mm"]["nees, mug + bottle"]
-    print("\nNEES per degree of freedom, mug + bottle, 1.5 mm")
-    for row, figure in nees.items():
-        print(f"  {row:26} n {figure['n']:5d}   mean {figure['mean']:.2f}   median {figure['median']:.2f}")
-    for row in ("mug shape", "bottle shape"):
-        iou, surface = figures[row]["iou"], figures[row]["surface_mm"]
-        print(f"{row}: IoU {iou['median']:.3f}, surface {surface['median']:.2f} mm (n {iou['n']})")
-    print("speed: " + ", ".join(f"{k} {v:.3g}" for k, v in figures["speed"].items()))
+def load_embeddings(folder: Path, descriptors: Path | None = None) -> dict[str, Embedding]:
+    """By category from FOLDER/<category>.safetensors; `descriptors` is the other half of a light variant."""
+    embeddings = {c: load_embedding(folder / f"{c}.safetensors") for c in CATEGORIES}
+    if descriptors is None:
+        return embeddings
+    return {
+        c: LightEmbedding(pose.network, load_network(descriptors / f"{c}.safetensors", c))
+        for c, pose in embeddings.items()
+    }
+
+
+def table(figures: Mapping[str, Any]) -> str:
+    """The table, a column a condition, and the consistency of the uncertainties; Markdown."""
+    columns = {name: (figures, name) for name in figures if name in USUAL_RANGE}
+    return f"{markdown_table(columns)}\n\n{nees_table(figures)}\n"
 
 
 def main() -> None:
@@ -166,16 +191,18 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--meshes", type=Path, help="folder of DIR/<category>/*.obj|ply|stl")
     parser.add_argument("--scenes", type=int, default=120)
-    parser.add_argument("--weights", type=Path, help="folder of other weights than the shipped ones")
+    parser.add_argument("--weights", type=Path, default=WEIGHTS, help="folder of other than the shipped ones")
+    parser.add_argument("--descriptors", type=Path, help="folder of weights by --recipe light-shape")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    names = {c: arguments.weights / f"{c}.safetensors" if arguments.weights else c for c in CATEGORIES}
-    embeddings = {category: load_embedding(name) for category, name in names.items()}
+    embeddings = load_embeddings(arguments.weights, arguments.descriptors)
     shapes = unseen_shapes(arguments.meshes, arguments.scenes, arguments.seed)
     figures = evaluate(embeddings, shapes, arguments.scenes, arguments.seed)
+    figures["scenes"], figures["shapes"] = arguments.scenes, "meshes" if arguments.meshes else "simulated"
+    figures["cards"] = {c: read_card(arguments.weights / f"{c}.safetensors") for c in CATEGORIES}
     (arguments.out / "embedding.json").write_text(json.dumps(figures, indent=1))
-    print_table(figures)
+    print(table(figures))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Errors of codes against the truth: single objects, objects jointly, descriptors, shapes, uncertainties."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -8,7 +8,9 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
+from neuse.embedding.code import Code
 from neuse.embedding.embedding import Embedding
+from neuse.embedding.horn import align_latents
 from neuse.embedding.sightings import Sighting
 from neuse.embedding.validation import HANDLE_SEEN, equal_error_rate
 from neuse.errors import DegenerateGeometryError, InputError
@@ -27,14 +29,34 @@ class PairError:
 
     angle_deg: float
     shift_m: float
-    view_change_deg: float
     nees: float | None
+    view_change_deg: float
     range_m: float
     visible: float
     handle: float
 
 
-def pair_errors(sightings: Sequence[Sighting], n_each: dict[str, int]) -> list[PairError]:
+Pose = tuple[Array, Array | None]  # T_b_a and its covariance, if that is known
+Registration = Callable[[Sequence[Code], Sequence[Code]], Pose | None]
+
+
+def by_frames(codes_a: Sequence[Code], codes_b: Sequence[Code]) -> Pose | None:
+    """The relative pose by the frames and sigmas of shipped codes; None where a rotation stays free."""
+    try:
+        alignment = align(codes_a, codes_b)
+    except DegenerateGeometryError:
+        return None
+    return alignment.T_b_a, alignment.covariance
+
+
+def by_latents(codes_a: Sequence[Code], codes_b: Sequence[Code]) -> Pose | None:
+    """The relative pose as the paper has it: Horn over all latent points."""
+    return align_latents(codes_a, codes_b), None
+
+
+def pair_errors(
+    sightings: Sequence[Sighting], n_each: dict[str, int], register: Registration = by_frames
+) -> list[PairError]:
     """Errors over all pairs of views of a scene; the first `n_each[category]` common objects jointly."""
     errors = []
     by_view: dict[int, dict[int, Sighting]] = {}
@@ -47,42 +69,66 @@ def pair_errors(sightings: Sequence[Sighting], n_each: dict[str, int]) -> list[P
         ]
         if all(len(group) >= n for group, n in zip(groups, n_each.values(), strict=True)):
             pairs = [pair for group, n in zip(groups, n_each.values(), strict=True) for pair in group[:n]]
-            error = _pair_error(*zip(*pairs, strict=True))
+            seen_a, seen_b = zip(*pairs, strict=True)
+            error = _pair_error(seen_a, seen_b, register)
             errors += [error] if error is not None else []
     return errors
 
 
-def _pair_error(a: Sequence[Sighting], b: Sequence[Sighting]) -> PairError | None:
+def _pair_error(a: Sequence[Sighting], b: Sequence[Sighting], register: Registration) -> PairError | None:
     T_b_a = b[0].T_camera_object @ inverse(a[0].T_camera_object)
-    centers_a = np.stack([s.T_camera_object[:3, 3] for s in a])
-    centers_b = np.stack([s.T_camera_object[:3, 3] for s in b])
-    view_change = _angle(T_b_a[:3, :3] @ centers_a.mean(axis=0), centers_b.mean(axis=0))
-    if len(a) == 1 and a[0].code.ambiguous:
-        angle = _angle(T_b_a[:3, :3] @ a[0].code.axes[:, 2], b[0].code.axes[:, 2])
-        shift = float(np.linalg.norm(transform_points(T_b_a, a[0].code.center) - b[0].code.center))
-        nees = None
-    else:
-        try:
-            alignment = align([s.code for s in a], [s.code for s in b])
-        except DegenerateGeometryError:
-            return None
-        angle = float(np.degrees(rotation_angle(alignment.T_b_a[:3, :3].T @ T_b_a[:3, :3])))
-        middle = centers_a.mean(axis=0)
-        shift = float(
-            np.linalg.norm(transform_points(alignment.T_b_a, middle) - transform_points(T_b_a, middle))
-        )
-        xi = log(inverse(alignment.T_b_a) @ T_b_a)
-        nees = float(xi @ np.linalg.solve(alignment.covariance, xi))
-    both = [*a, *b]
+    centers_a, centers_b = (np.stack([s.T_camera_object[:3, 3] for s in side]) for side in (a, b))
+    measured = _errors(a, b, T_b_a, register)
+    if measured is None:
+        return None
     return PairError(
-        angle,
-        shift,
-        view_change,
-        nees,
-        max(s.range_m for s in both),
-        min(s.visible for s in both),
-        min(s.handle for s in both),
+        *measured,
+        view_change_deg=_angle(T_b_a[:3, :3] @ centers_a.mean(axis=0), centers_b.mean(axis=0)),
+        range_m=max(s.range_m for s in (*a, *b)),
+        visible=min(s.visible for s in (*a, *b)),
+        handle=min(s.handle for s in (*a, *b)),
     )
+
+
+def _errors(
+    a: Sequence[Sighting], b: Sequence[Sighting], T_b_a: Array, register: Registration
+) -> tuple[float, float, float | None] | None:
+    """Rotation (deg), translation (m) and NEES; of a lone bottle that of its axis and centre."""
+    lone = len(a) == 1 and a[0].code.ambiguous
+    codes_a, codes_b = [s.code for s in a], [s.code for s in b]
+    if lone and register is by_frames:  # its codes say where the axis is, and no more
+        angle_deg = _angle(T_b_a[:3, :3] @ codes_a[0].axes[:, 2], codes_b[0].axes[:, 2])
+        shift = transform_points(T_b_a, codes_a[0].center) - codes_b[0].center
+        return angle_deg, float(np.linalg.norm(shift)), None
+    pose = register(codes_a, codes_b)
+    if pose is None:
+        return None
+    found, covariance = pose
+    middle = np.mean([s.T_camera_object[:3, 3] for s in a], axis=0)
+    shift_m = float(np.linalg.norm(transform_points(found, middle) - transform_points(T_b_a, middle)))
+    if lone:
+        axis_a, axis_b = (s.T_camera_object[:3, 2] for s in (a[0], b[0]))
+        return _angle(found[:3, :3] @ axis_a, axis_b), shift_m, None
+    angle_deg = float(np.degrees(rotation_angle(found[:3, :3].T @ T_b_a[:3, :3])))
+    if covariance is None:
+        return angle_deg, shift_m, None
+    xi = log(inverse(found) @ T_b_a)
+    return angle_deg, shift_m, float(xi @ np.linalg.solve(covariance, xi))
+
+
+def frame_figures(sightings: Sequence[Sighting]) -> dict[str, dict[str, float]]:
+    """Errors of the object frames of single views: direction of the axis and of seen handles, and centre."""
+    seen = [s for s in sightings if s.handle > HANDLE_SEEN]
+
+    def angles(chosen: Sequence[Sighting], axis: int) -> list[float]:
+        return [_angle(s.code.T_frame_object[:3, axis], s.T_camera_object[:3, axis]) for s in chosen]
+
+    shifts_m = [float(np.linalg.norm(s.code.center - s.T_camera_object[:3, 3])) for s in sightings]
+    return {
+        "axis_deg": spread(angles(sightings, 2)),
+        "handle_deg": spread(angles(seen, 0)),
+        "centre_mm": spread([1e3 * shift_m for shift_m in shifts_m]),
+    }
 
 
 def _angle(a: Array, b: Array) -> float:
@@ -139,7 +185,12 @@ def nees_by_bin(errors: Sequence[PairError]) -> dict[str, dict[str, float]]:
 
 
 def descriptor_figures(sightings: Sequence[Sighting], rng: np.random.Generator) -> dict[str, float]:
-    """Equal error rate over all pairs, and how often the right one of eight shapes is the most alike."""
+    """Equal error rate over all pairs, and how often the right one of eight shapes is the most alike.
+
+    n counts the views of the retrieval; figures that nothing can be said of are NaN.
+    """
+    if not sightings:
+        return {"n": 0, "eer": float("nan"), "retrieval": float("nan")}
     keys = {key: index for index, key in enumerate(dict.fromkeys(id(s.shape) for s in sightings))}
     shape = np.array([keys[id(s.shape)] for s in sightings])
     descriptor = np.stack([s.code.descriptor for s in sightings])
@@ -151,7 +202,8 @@ def descriptor_figures(sightings: Sequence[Sighting], rng: np.random.Generator) 
             rivals = [rng.choice(np.flatnonzero(shape == s)) for s in rng.choice(others, 7, replace=False)]
             likeness = descriptor[[rng.choice(same), *rivals]] @ descriptor[i]
             hits.append(bool(likeness.argmax() == 0))
-    return {"n": len(hits), "eer": equal_error_rate(descriptor, shape), "retrieval": float(np.mean(hits))}
+    retrieval = float(np.mean(hits)) if hits else float("nan")
+    return {"n": len(hits), "eer": equal_error_rate(descriptor, shape), "retrieval": retrieval}
 
 
 def shape_figures(
@@ -166,13 +218,21 @@ def shape_figures(
             failed += 1
             continue
         true = sighting.shape.mesh.copy().apply_transform(sighting.T_camera_object)
-        low = np.minimum(mesh.bounds[0], true.bounds[0])
-        high = np.maximum(mesh.bounds[1], true.bounds[1])
-        points = rng.uniform(low, high, (8192, 3))
-        inside, inside_true = mesh.contains(points), true.contains(points)
-        ious.append(float((inside & inside_true).sum() / max((inside | inside_true).sum(), 1)))
-        surfaces = [trimesh.sample.sample_surface(m, 4000, seed=0)[0] for m in (mesh, true)]
-        there, _ = cKDTree(surfaces[1]).query(surfaces[0])
-        back, _ = cKDTree(surfaces[0]).query(surfaces[1])
-        distances_mm.append(1e3 * 0.5 * float(there.mean() + back.mean()))
+        ious.append(_iou(mesh, true, rng))
+        distances_mm.append(1e3 * _surface_distance_m(mesh, true))
     return {"iou": spread(ious), "surface_mm": spread(distances_mm), "failed": failed}
+
+
+def _iou(a: trimesh.Trimesh, b: trimesh.Trimesh, rng: np.random.Generator) -> float:
+    low, high = np.minimum(a.bounds[0], b.bounds[0]), np.maximum(a.bounds[1], b.bounds[1])
+    points = rng.uniform(low, high, (8192, 3))
+    in_a, in_b = a.contains(points), b.contains(points)
+    return float((in_a & in_b).sum() / max((in_a | in_b).sum(), 1))
+
+
+def _surface_distance_m(a: trimesh.Trimesh, b: trimesh.Trimesh) -> float:
+    """Mean of both directions."""
+    on_a, on_b = (trimesh.sample.sample_surface(mesh, 4000, seed=0)[0] for mesh in (a, b))
+    there, _ = cKDTree(on_b).query(on_a)
+    back, _ = cKDTree(on_a).query(on_b)
+    return 0.5 * float(there.mean() + back.mean())

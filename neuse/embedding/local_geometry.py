@@ -5,13 +5,12 @@ from torch import Tensor
 
 SCALES = (0.24, 0.12, 0.06)  # standard deviations in network units (0.1 m), each half of the one before
 FLOOR = 0.02  # added to the trace of a covariance, in squared scales
-CHUNK = 8  # clouds at a time: their pairwise distances fit the cache
+CHUNK = 8  # clouds at a time on a CPU: their pairwise distances fit the cache
 N_VECTORS = 1 + 3 * len(SCALES)
 N_INVARIANTS = 1 + 6 * len(SCALES)
 
 
 @torch.no_grad()
-@torch.autocast("cpu", enabled=False)
 def local_geometry(points: Tensor, n_anchors: int) -> tuple[Tensor, Tensor]:
     """Equivariant and invariant features of the first `n_anchors` points.
 
@@ -25,8 +24,10 @@ def local_geometry(points: Tensor, n_anchors: int) -> tuple[Tensor, Tensor]:
     Returns:
         vectors (B, M, 3, N_VECTORS): x and per scale m, C x, C C x;  invariants (B, M, N_INVARIANTS).
     """
-    chunks = [_chunk(part, n_anchors) for part in points.split(CHUNK)]
-    vectors, invariants = zip(*chunks, strict=True)
+    device = points.device.type
+    with torch.autocast(device, enabled=False):
+        parts = points.split(CHUNK if device == "cpu" else len(points))
+        vectors, invariants = zip(*(_chunk(part, n_anchors) for part in parts), strict=True)
     return torch.cat(vectors).float(), torch.cat(invariants).float()
 
 

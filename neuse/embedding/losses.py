@@ -1,4 +1,4 @@
-"""What the networks are trained for; all in network units (0.1 m)."""
+"""Losses of the shipped recipe, and errors of object frames; in network units (0.1 m)."""
 
 from typing import NamedTuple
 
@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from neuse.embedding.dataset import Batch
 from neuse.embedding.encoder import Encoding
 
 SOFTNESS = 0.02  # 2 mm: below this an error counts squared, above it by its length
@@ -15,8 +16,7 @@ def frame_loss(frame: Tensor, target: Tensor) -> Tensor:
     """Distance of centre and scaled axes from the truth, (B, 3, 4) each.
 
     A length and not a square, so that the many good views still count beside the few hidden handles. Where
-    the handle
-    cannot be known the best answer is the mean direction: E_x shrinks, and weighs less in every registration.
+    the handle cannot be known the best answer is the mean direction: E_x shrinks.
     """
     error = (frame - target).square().sum(1)  # (B, 4)
     return ((error + SOFTNESS**2).sqrt() - SOFTNESS).sum(-1).mean()
@@ -58,17 +58,22 @@ def frame_error(frame: Tensor, target: Tensor, ambiguous: bool) -> FrameError:
 def orthonormal(frame: Tensor, ambiguous: bool) -> Tensor:
     """(B, 3, 4) centre and scaled axes -> (B, 3, 3) rotations, z along E_z, x towards E_x."""
     z = F.normalize(frame[..., 3], dim=-1)
-    hint = torch.eye(3, dtype=z.dtype)[z.abs().argmin(-1)] if ambiguous else frame[..., 1]
+    hint = torch.eye(3).to(z)[z.abs().argmin(-1)] if ambiguous else frame[..., 1]
     x = F.normalize(hint - (hint * z).sum(-1, keepdim=True) * z, dim=-1)
     return torch.stack([x, torch.linalg.cross(z, x), z], -1)
 
 
 def rotation_vector(R: Tensor) -> Tensor:
-    """Axis times angle of (B, 3, 3) rotations, radians; near pi the axis is not accurate."""
+    """Axis times angle of (B, 3, 3) rotations, radians; from the longest row of 4 q q^T, q the quaternion."""
     v = torch.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], -1)
     trace = R.diagonal(dim1=-2, dim2=-1).sum(-1, keepdim=True)
-    length = v.norm(dim=-1, keepdim=True).clamp(min=1e-9)
-    return v / length * torch.atan2(length, trace - 1)
+    outer = R + R.mT + (1 - trace[..., None]) * torch.eye(3).to(R)  # 4 q_v q_v^T
+    outer = torch.cat([torch.cat([1 + trace, v], -1)[:, None], torch.cat([v[..., None], outer], -1)], 1)
+    longest = outer.diagonal(dim1=-2, dim2=-1).argmax(-1)
+    q = F.normalize(outer[torch.arange(len(R), device=R.device), longest], dim=-1)  # (B, 4) w, x, y, z
+    w, v = q[:, :1], torch.where(q[:, :1] < 0, -q[:, 1:], q[:, 1:])
+    length = v.norm(dim=-1, keepdim=True)
+    return v / length.clamp(min=1e-12) * 2 * torch.atan2(length, w.abs())
 
 
 def sigma_loss(log_sigmas: Tensor, error: FrameError, ambiguous: bool) -> Tensor:
@@ -84,20 +89,11 @@ def sigma_loss(log_sigmas: Tensor, error: FrameError, ambiguous: bool) -> Tensor
     return nll[:, used].mean()
 
 
-def paper_shape_loss(descriptor: Tensor, shape: Tensor) -> Tensor:
-    """L_b_shape of the paper: batch-hard cosine triplet without margin."""
-    similarity = F.normalize(descriptor, dim=-1) @ F.normalize(descriptor, dim=-1).T
-    same = shape[:, None] == shape[None]
-    hardest_positive = similarity.masked_fill(~same, torch.inf).amin(-1)
-    hardest_negative = similarity.masked_fill(same, -torch.inf).amax(-1)
-    return (hardest_negative - hardest_positive).mean()
-
-
-def encoding_losses(encoding: Encoding, target: Tensor, shape: Tensor, ambiguous: bool) -> dict[str, Tensor]:
-    """The losses that need no decoder."""
-    error = frame_error(encoding.frame.detach(), target, ambiguous)
+def shipped_losses(encoding: Encoding, batch: Batch, ambiguous: bool) -> dict[str, Tensor]:
+    """The losses of the shipped recipe that need no decoder."""
+    error = frame_error(encoding.frame.detach(), batch.target, ambiguous)
     return {
-        "frame": frame_loss(encoding.frame, target),
-        "shape": shape_contrast_loss(encoding.descriptor, shape),
+        "frame": frame_loss(encoding.frame, batch.target),
+        "shape": shape_contrast_loss(encoding.descriptor, batch.shape),
         "sigma": sigma_loss(encoding.log_sigmas, error, ambiguous),
     }

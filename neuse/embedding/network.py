@@ -3,24 +3,37 @@
 import dataclasses
 import json
 from pathlib import Path
+from typing import NamedTuple
 
 import safetensors
 import torch
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from neuse.embedding.code import landmark_template
 from neuse.embedding.decoder import Decoder
 from neuse.embedding.encoder import Encoder, EncoderConfig, Encoding
-from neuse.embedding.local_geometry import local_geometry
+from neuse.embedding.paper_encoder import PaperEncoder, PaperEncoderConfig
 from neuse.errors import WeightsError
 
 FORMAT_VERSION = "1"
 UNIT_M = 0.1  # network units are decimetres
 
 
+class Architecture(NamedTuple):
+    """An encoder and its sizes; the decoder is the same for all."""
+
+    config: type
+    encoder: type[nn.Module]
+
+
+ARCHITECTURES = {
+    "shipped": Architecture(EncoderConfig, Encoder),
+    "paper": Architecture(PaperEncoderConfig, PaperEncoder),
+}
+
+
 class Network(nn.Module):
-    """f_theta and Phi of one category (NeuSE eq. 2).
+    """f_theta and Phi of one category (NeuSE eq. 2); the type of `config` chooses the architecture.
 
     sigma_scale: (6,) factors that make the predicted standard deviations right on held-out shapes.
     occupancy_logit: the threshold v_0 as a logit, the one of least surface error on held-out shapes.
@@ -28,26 +41,42 @@ class Network(nn.Module):
 
     sigma_scale: Tensor
     occupancy_logit: Tensor
-    template: Tensor
 
-    def __init__(self, category: str, ambiguous: bool, config: EncoderConfig | None = None) -> None:
+    def __init__(
+        self, category: str, ambiguous: bool, config: EncoderConfig | PaperEncoderConfig | None = None
+    ) -> None:
         super().__init__()
         self.category, self.ambiguous, self.config = category, ambiguous, config or EncoderConfig()
-        self.encoder = Encoder(self.config, ambiguous)
+        self.encoder = ARCHITECTURES[self.architecture].encoder(self.config, ambiguous)
         self.decoder = Decoder(self.config.n_latent)
         self.register_buffer("sigma_scale", torch.ones(6))
         self.register_buffer("occupancy_logit", torch.zeros(()))
-        template = torch.tensor(landmark_template(self.config.n_latent), dtype=torch.float32)
-        self.register_buffer("template", template, persistent=False)
+
+    @property
+    def architecture(self) -> str:
+        """Name in ARCHITECTURES."""
+        return next(name for name, (config, _) in ARCHITECTURES.items() if type(self.config) is config)
+
+    @property
+    def device(self) -> torch.device:
+        """Where the weights are."""
+        return self.sigma_scale.device
 
     def encode(self, points: Tensor, n_anchors: int | None = None) -> Encoding:
         """(B, N, 3) centred clouds in network units -> Encoding."""
-        return self.encoder(*local_geometry(points, n_anchors or self.config.n_anchors))
+        return self.encoder(points, n_anchors or self.config.n_anchors)
 
-    def latent(self, encoding: Encoding) -> Tensor:
-        """(B, 3, k) z_0 of the paper, about the partial centre: landmarks c + E a_j, then free points."""
-        center, axes = encoding.frame[..., :1], encoding.frame[..., 1:]
-        return torch.cat([center + axes @ self.template.T, encoding.free], -1)
+    def decode(self, encoding: Encoding, queries: Tensor) -> Tensor:
+        """Occupancy logits (B, Q) at queries (B, Q, 3), about the partial centre (NeuSE eq. 4)."""
+        center = encoding.frame[..., 0]  # (B, 3)
+        return self.decoder(queries - center[:, None], encoding.z - center[..., None])
+
+    def forward(
+        self, points: Tensor, queries: Tensor, n_anchors: int | None = None
+    ) -> tuple[Encoding, Tensor]:
+        """`encode` and `decode` at once, for training."""
+        encoding = self.encode(points, n_anchors)
+        return encoding, self.decode(encoding, queries)
 
 
 def save_network(network: Network, path: Path, card: dict[str, object]) -> None:
@@ -55,6 +84,7 @@ def save_network(network: Network, path: Path, card: dict[str, object]) -> None:
     metadata = {
         "format_version": FORMAT_VERSION,
         "category": network.category,
+        "architecture": network.architecture,
         "ambiguous": json.dumps(network.ambiguous),
         "config": json.dumps(dataclasses.asdict(network.config)),
         "card": json.dumps(card),
@@ -99,8 +129,12 @@ def _read(path: Path) -> tuple[dict[str, str], dict[str, Tensor]]:
 
 
 def _rebuild(path: Path, metadata: dict[str, str], tensors: dict[str, Tensor]) -> Network:
+    architecture = metadata.get("architecture", "shipped")  # which the first files did not name
+    if architecture not in ARCHITECTURES:
+        known = ", ".join(ARCHITECTURES)
+        raise WeightsError(f"weights {path} are of architecture {architecture!r}; known: {known}")
     try:
-        config = EncoderConfig(**json.loads(metadata["config"]))
+        config = ARCHITECTURES[architecture].config(**json.loads(metadata["config"]))
         network = Network(metadata["category"], json.loads(metadata["ambiguous"]), config)
         network.load_state_dict(tensors)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
@@ -108,4 +142,4 @@ def _rebuild(path: Path, metadata: dict[str, str], tensors: dict[str, Tensor]) -
     for name, tensor in tensors.items():
         if not tensor.isfinite().all():
             raise WeightsError(f"weights {path} hold numbers in {name} that are not finite")
-    return network.eval()
+    return network

@@ -15,6 +15,7 @@ from neuse.geometry import Array, transform_points
 
 COARSE_CELLS = 24  # along each side of the first cube
 MAX_CELLS = 160  # along any side of the fine grid
+MAX_HALF_M = 0.25  # the first cube grows to this where the shape leaves it
 OUTSIDE = -10.0
 FAST_BF16 = bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())  # matrix units of the processor
 
@@ -41,22 +42,29 @@ def reconstruct(network: Network, code: Code, resolution_m: float) -> trimesh.Tr
 
 def decode(network: Network, code: Code, points: Array) -> np.ndarray:
     """Occupancy logits (n,) of a code at (n, 3) points of its object frame, metres; positive inside."""
-    z = torch.from_numpy((code.z - code.center) @ code.T_frame_object[:3, :3] / UNIT_M).float()
-    x = torch.from_numpy(np.ascontiguousarray(points / UNIT_M, dtype=np.float32))
-    with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=FAST_BF16):
-        return (network.decoder(x[None], z.T[None])[0] - network.occupancy_logit).float().numpy()
+    device = network.device
+    z = torch.from_numpy((code.z - code.center) @ code.T_frame_object[:3, :3] / UNIT_M).float().to(device)
+    x = torch.from_numpy(np.ascontiguousarray(points / UNIT_M, dtype=np.float32)).to(device)
+    fast = FAST_BF16 or device.type != "cpu"
+    with torch.inference_mode(), torch.autocast(device.type, torch.bfloat16, enabled=fast):
+        logits = network.decoder(x[None], z.T[None])[0] - network.occupancy_logit
+    return logits.float().cpu().numpy()
 
 
 def _occupied_box(field: Field, code: Code) -> tuple[Array, Array]:
-    """Box of the shape in the object frame, from a coarse cube around the scaled axes."""
+    """Box of the shape in the object frame, from a coarse cube as large as it takes."""
     half = 1.4 * max(float(np.linalg.norm(code.axes, axis=0).max()), 0.04)
-    points, step = _grid(np.full(3, -half), np.full(3, half), np.full(3, COARSE_CELLS))
-    inside = field(points.reshape(-1, 3)) > 0
-    if not inside.any():
-        raise InputError(
-            "empty_reconstruction", f"a {code.category} code decodes to no shape; it is no such object"
-        )
-    occupied = points.reshape(-1, 3)[inside]
+    while True:
+        points, step = _grid(np.full(3, -half), np.full(3, half), np.full(3, COARSE_CELLS))
+        inside = field(points.reshape(-1, 3)) > 0
+        if not inside.any():
+            raise InputError(
+                "empty_reconstruction", f"a {code.category} code decodes to no shape; it is no such object"
+            )
+        occupied = points.reshape(-1, 3)[inside]
+        if np.abs(occupied).max() < half - step[0] / 2 or half >= MAX_HALF_M:
+            break
+        half = min(1.5 * half, MAX_HALF_M)
     return occupied.min(axis=0) - 1.2 * step, occupied.max(axis=0) + 1.2 * step
 
 

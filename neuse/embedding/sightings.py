@@ -7,8 +7,9 @@ import numpy as np
 
 from neuse.embedding.code import Code
 from neuse.embedding.embedding import Embedding
+from neuse.embedding.layouts import reach_m, rest, room
 from neuse.embedding.observe import Observer, back_project
-from neuse.embedding.views import CAMERA, draw_camera, handle_share, reach_m, rest, room
+from neuse.embedding.views import CAMERA, draw_camera, handle_share
 from neuse.geometry import Array, inverse, transform_points
 from neuse.records import Instance, RgbdFrame
 from neuse.simulation.camera import RayScene, Rendering, Solid
@@ -41,7 +42,7 @@ class Condition:
 
 
 @dataclass(frozen=True)
-class Sighting:
+class Truth:
     """One object in one view.
 
     visible: share of its outline that neither others nor the image border hide.
@@ -51,7 +52,6 @@ class Sighting:
     scene: int
     view: int
     shape: Shape
-    code: Code
     T_camera_object: Array
     visible: float
     handle: float
@@ -60,6 +60,23 @@ class Sighting:
     def range_m(self) -> float:
         """Distance of the object from the camera."""
         return float(np.linalg.norm(self.T_camera_object[:3, 3]))
+
+
+@dataclass(frozen=True)
+class Sighting(Truth):
+    """What the front end made of it."""
+
+    code: Code
+
+
+@dataclass(frozen=True)
+class Arrangement:
+    """Objects around the origin of the world, instance i + 1 each, and each by itself."""
+
+    shapes: Sequence[Shape]
+    places: Sequence[Array]  # T_world_object
+    scene: RayScene
+    alone: Sequence[RayScene]
 
 
 def draw_sightings(
@@ -78,21 +95,23 @@ def draw_sightings(
             for category in CATEGORIES
             for i in range(PER_CATEGORY)
         ]
-        scene, alone, places = _arrange(chosen, rng)
+        arrangement = _arrange(chosen, rng)
         for range_m in sorted({condition.range_m for condition in conditions}):
             own = [condition for condition in conditions if condition.range_m == range_m]
             found: dict[str, list[Sighting]] = {condition.name: [] for condition in own}
             for view in range(n_views):
-                sightings = _view(observer, scene, alone, places, chosen, own, (index, view), rng)
-                for name, seen in sightings.items():
-                    found[name] += seen
+                T_camera_world = _draw_pose(range_m, rng)
+                rendering = CAMERA.render(arrangement.scene, inverse(T_camera_world))
+                truths = _truths(arrangement, T_camera_world, rendering, (index, view))
+                distance_m = float(np.linalg.norm(T_camera_world[:3, 3]))
+                for condition in own:
+                    faults = condition.faults(distance_m)
+                    found[condition.name] += _sightings(observer, faults, rendering, truths, rng)
             yield from ((condition, found[condition.name]) for condition in own)
 
 
-def _arrange(
-    chosen: Sequence[Shape], rng: np.random.Generator
-) -> tuple[RayScene, list[RayScene], list[Array]]:
-    """Objects around the origin, close enough to hide each other."""
+def _arrange(chosen: Sequence[Shape], rng: np.random.Generator) -> Arrangement:
+    """Close enough to hide each other."""
     places = []
     for i, shape in enumerate(chosen):
         T = rest(shape, rng, anyhow=0.0)
@@ -101,49 +120,44 @@ def _arrange(
         T[:2, 3] = distance * np.array([np.cos(angle), np.sin(angle)])
         places.append(T)
     solids = [Solid(s.mesh, T, i + 1) for i, (s, T) in enumerate(zip(chosen, places, strict=True))]
-    return RayScene([*solids, *room(rng, True)]), [RayScene([solid]) for solid in solids], places
+    scene = RayScene([*solids, *room(rng, True)])
+    return Arrangement(chosen, places, scene, [RayScene([solid]) for solid in solids])
 
 
-def _view(
-    observer: Observer,
-    scene: RayScene,
-    alone: Sequence[RayScene],
-    places: Sequence[Array],
-    chosen: Sequence[Shape],
-    conditions: Sequence[Condition],
-    index: tuple[int, int],
-    rng: np.random.Generator,
-) -> dict[str, list[Sighting]]:
-    """Sightings of one pose, by condition."""
-    range_m = float(np.exp(rng.uniform(*np.log(conditions[0].range_m))))
+def _draw_pose(range_m: tuple[float, float], rng: np.random.Generator) -> Array:
+    """T_camera_world at a log-uniform range."""
+    distance_m = float(np.exp(rng.uniform(*np.log(range_m))))
     elevation = np.radians(rng.triangular(4.0, 20.0, 85.0))
-    T_camera_world = draw_camera(rng.uniform(0, 2 * np.pi), elevation, range_m, rng)
-    rendering = CAMERA.render(scene, inverse(T_camera_world))
-    n_pixels = np.bincount(rendering.label.ravel(), minlength=len(chosen) + 1)
-    visible = [
-        min(n_pixels[i + 1] / max(_outline_px(alone[i], shape, T_camera_world @ places[i], places[i]), 1), 1)
-        for i, shape in enumerate(chosen)
-    ]
-    sightings = {}
-    for condition in conditions:
-        depth_m, mask = apply_faults(rendering.depth_m, rendering.label, condition.faults(range_m), rng)
-        labels = [label for label in np.unique(mask).tolist() if label]
-        instances = tuple(Instance(label, chosen[label - 1].category) for label in labels)
-        observed = observer.observe(RgbdFrame(0, depth_m, mask, instances, CAMERA.intrinsics))
-        sightings[condition.name] = [
-            Sighting(
-                *index,
-                chosen[seen.label - 1],
-                seen.code,
-                T_camera_world @ places[seen.label - 1],
-                visible[seen.label - 1],
-                _handle(
-                    rendering, seen.label, chosen[seen.label - 1], T_camera_world @ places[seen.label - 1]
-                ),
-            )
-            for seen in observed.observations
-        ]
-    return sightings
+    return draw_camera(rng.uniform(0, 2 * np.pi), elevation, distance_m, rng)
+
+
+def _truths(
+    arrangement: Arrangement, T_camera_world: Array, rendering: Rendering, index: tuple[int, int]
+) -> list[Truth]:
+    """What is true of each object in this view."""
+    n_pixels = np.bincount(rendering.label.ravel(), minlength=len(arrangement.shapes) + 1)
+    truths = []
+    for i, (shape, place) in enumerate(zip(arrangement.shapes, arrangement.places, strict=True)):
+        T_camera_object = T_camera_world @ place
+        outline_px = max(_outline_px(arrangement.alone[i], shape, T_camera_object, place), 1)
+        handle = _handle(rendering, i + 1, shape, T_camera_object)
+        truths.append(Truth(*index, shape, T_camera_object, min(n_pixels[i + 1] / outline_px, 1), handle))
+    return truths
+
+
+def _sightings(
+    observer: Observer,
+    faults: SensorFaults,
+    rendering: Rendering,
+    truths: Sequence[Truth],
+    rng: np.random.Generator,
+) -> list[Sighting]:
+    """What the front end makes of one view through one sensor."""
+    depth_m, mask = apply_faults(rendering.depth_m, rendering.label, faults, rng)
+    labels = [label for label in np.unique(mask).tolist() if label]
+    instances = tuple(Instance(label, truths[label - 1].shape.category) for label in labels)
+    observed = observer.observe(RgbdFrame(0, depth_m, mask, instances, CAMERA.intrinsics))
+    return [Sighting(**vars(truths[seen.label - 1]), code=seen.code) for seen in observed.observations]
 
 
 def _outline_px(alone: RayScene, shape: Shape, T_camera_object: Array, T_world_object: Array) -> float:

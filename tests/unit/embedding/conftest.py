@@ -10,7 +10,8 @@ import torch
 from neuse.embedding.dataset import ViewSet
 from neuse.embedding.embedding import Embedding
 from neuse.embedding.network import Network
-from neuse.embedding.views import ViewParams, write_shard
+from neuse.embedding.shards import write_shard
+from neuse.embedding.views import ViewParams
 
 from .tiny import block_bottle, block_mug, make_network
 
@@ -54,3 +55,9 @@ def shard_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def mug_views(shard_folder: Path) -> ViewSet:
     """The training shard in memory."""
     return ViewSet([shard_folder / "mug_train_0000.npz"], ambiguous=False)
+
+
+@pytest.fixture(scope="session")
+def mug_views_held_out(shard_folder: Path) -> ViewSet:
+    """The validation shard in memory."""
+    return ViewSet([shard_folder / "mug_validation_0000.npz"], ambiguous=False)

@@ -29,8 +29,8 @@ def held_out(monkeypatch):
         occupied = torch.tensor(rng.random((N, 4)) < 0.4)
         logits = torch.where(occupied, 1.0, -1.0) * torch.tensor(rng.random((N, 4))) + bias
         nothing = torch.empty(N)
-        encoding = Encoding(frame, nothing, nothing, torch.full((N, 6), float(np.log(PREDICTED))))
-        batch = Batch(nothing, target, nothing, nothing, occupied, nothing)
+        encoding = Encoding(nothing, frame, nothing, torch.full((N, 6), float(np.log(PREDICTED))))
+        batch = Batch(nothing, target, nothing, nothing, occupied, nothing, nothing)
         monkeypatch.setattr(calibration, "encode_all", lambda *arguments: (encoding, batch))
         monkeypatch.setattr(calibration, "decode_all", lambda *arguments: logits)
 

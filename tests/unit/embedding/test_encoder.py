@@ -21,7 +21,7 @@ def test_pooling_is_the_weighted_mean_over_the_points():
 def test_encoding_has_the_documented_shapes(network):
     encoding = network.encode(clouds(3))
     assert encoding.frame.shape == (3, 3, 4)
-    assert encoding.free.shape == (3, 3, CONFIG.n_latent // 2)
+    assert encoding.z.shape == (3, 3, CONFIG.n_latent)
     assert encoding.descriptor.shape == (3, CONFIG.n_latent)
     assert encoding.log_sigmas.shape == (3, 6)
     torch.testing.assert_close(encoding.descriptor.norm(dim=-1), torch.ones(3))
@@ -34,7 +34,7 @@ def test_encoder_turns_frames_with_the_cloud_and_keeps_numbers(network):
     for matrix in Rotation.random(5, random_state=0).as_matrix():
         R = torch.tensor(matrix)
         turned = network.encode(points @ R.T)
-        for name in ("frame", "free"):
+        for name in ("frame", "z"):
             expected = R.float() @ getattr(encoding, name)
             assert (getattr(turned, name) - expected).norm() <= 1e-4 * expected.norm()
         torch.testing.assert_close(turned.descriptor, encoding.descriptor, atol=1e-4, rtol=1e-4)

@@ -31,7 +31,7 @@ def sighting(shape, view, T_camera_scene, T_error: Array = NO_ERROR, **changes) 
     T_camera_object = T_camera_scene @ PLACES[id(shape)]
     code = make_code(T_camera_object @ T_error, shape.category)
     code = replace(code, sigmas=np.full(6, 0.01))
-    return replace(Sighting(0, view, shape, code, T_camera_object, 1.0, 0.1), **changes)
+    return replace(Sighting(0, view, shape, T_camera_object, 1.0, 0.1, code), **changes)
 
 
 def two_views(shapes, T_error: Array = NO_ERROR):
@@ -94,7 +94,7 @@ def test_pair_that_determines_no_pose_is_left_out():
 
 def error(**changes) -> PairError:
     """An error of 10 degrees and 2 mm, close and well seen, unless changed."""
-    return replace(PairError(10.0, 0.002, 45.0, 6.0, 1.0, 1.0, 0.1), **changes)
+    return replace(PairError(10.0, 0.002, 6.0, 45.0, 1.0, 1.0, 0.1), **changes)
 
 
 def test_summary_is_of_the_view_changes_asked_for_in_degrees_and_millimetres():
@@ -136,7 +136,7 @@ def test_descriptors_that_name_the_shape_are_perfect():
     seen = []
     for index, shape in enumerate(shapes):
         code = replace(make_code(np.eye(4)), descriptor=np.eye(8)[index])
-        seen += [Sighting(0, view, shape, code, np.eye(4), 1.0, 0.1) for view in range(3)]
+        seen += [Sighting(0, view, shape, np.eye(4), 1.0, 0.1, code) for view in range(3)]
     assert descriptor_figures(seen, rng) == {"n": 24, "eer": 0.0, "retrieval": 1.0}
     confused = [replace(s, code=replace(s.code, descriptor=rng.normal(size=8))) for s in seen]
     assert descriptor_figures(confused, rng)["retrieval"] < 0.6

@@ -17,6 +17,8 @@ LOGITS_PER_M = 1000.0  # a trained decoder is about as steep at the surface
 class AnalyticNetwork:
     """Decodes every code to one shape, a signed distance in the object frame, wherever its landmarks lie."""
 
+    device = torch.device("cpu")
+
     def __init__(self, signed_distance, threshold=0.0):
         self.signed_distance, self.occupancy_logit = signed_distance, torch.tensor(threshold)
         self.n_queries = 0

@@ -7,8 +7,9 @@ from scipy.spatial import cKDTree
 
 import neuse
 from neuse.embedding.embedding import WEIGHTS
+from neuse.embedding.layouts import draw_layout
 from neuse.embedding.network import read_card
-from neuse.embedding.views import POINT_UNIT_M, ViewParams, draw_layout, draw_view
+from neuse.embedding.views import POINT_UNIT_M, ViewParams, draw_view
 from neuse.geometry import inverse, transform_points
 from neuse.simulation.shapes import sample_shape
 
@@ -32,7 +33,7 @@ def views(embedding):
     shapes = [sample_shape(embedding.category, rng, "test") for _ in range(N_SHAPES)]
     found = []
     for shape in shapes:
-        layout = draw_layout(shape, [shape], rng, PARAMS)
+        layout = draw_layout(shape, [shape], rng, PARAMS.clutter)
         drawn = [view for _ in range(3 * N_VIEWS) if (view := draw_view(layout, rng, PARAMS)) is not None]
         for view in [view for view in drawn if view["visible"] > 0.7][:N_VIEWS]:
             cloud = view["points"][: int(view["n_points"])] * POINT_UNIT_M + view["partial_center"]

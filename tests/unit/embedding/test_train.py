@@ -2,79 +2,48 @@ import signal
 import sys
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import torch
 
 from neuse.embedding import train
 from neuse.embedding.network import load_network, read_card
-from neuse.embedding.train import Trainer, TrainParams, run
-from neuse.errors import ParamError
+from neuse.embedding.shards import ShapeSource
+from neuse.embedding.train import run
+from neuse.embedding.trainer import Trainer, recipe_params
 
-from .tiny import CONFIG
-
-PARAMS = TrainParams(
-    steps=4,
-    shapes_per_batch=2,
-    views_per_shape=2,
-    n_points=64,
-    anchors=16,
-    anchors_last=32,
-    queries=16,
-    warmup=1,
-    shards=1,
-    validation_shards=1,
-)
+from .tiny import TRAIN
 
 
 @pytest.fixture
-def make_trainer(shard_folder, monkeypatch):
+def make_trainer(mug_views, mug_views_held_out):
     """Factory of trainers of a tiny network on a tiny shard."""
-    monkeypatch.setattr(train, "EncoderConfig", lambda n_points: replace(CONFIG, n_points=n_points))
 
-    def make(**changes):
-        return Trainer("mug", replace(PARAMS, **changes), shard_folder)
+    def make(recipe="shipped", **changes):
+        params = replace(recipe_params(recipe, "mug"), **TRAIN | {"latent": 16} | changes)
+        return Trainer("mug", params, mug_views, mug_views_held_out)
 
     return make
+
+
+@pytest.fixture(autouse=True)
+def _no_reconstructions(monkeypatch):
+    """An untrained network fills all space, which takes long to draw."""
+    monkeypatch.setattr(train, "save_reconstructions", lambda network, views, path: path.touch())
+
+
+@pytest.fixture
+def shards_as_found(monkeypatch):
+    """Shards are those in the folder, however they were drawn."""
+
+    def found(folder, source, split, n, params):
+        return sorted(folder.glob(f"{source.category}_{split}_*.npz"))
+
+    monkeypatch.setattr(train, "ensure_shards", found)
 
 
 def assert_same_weights(a, b):
     for name, tensor in a.network.state_dict().items():
         assert torch.equal(tensor, b.network.state_dict()[name]), name
-
-
-def test_every_loss_is_finite_and_reported(make_trainer):
-    losses = make_trainer().train_step()
-    assert losses.keys() == {"frame", "occupancy", "shape", "sigma"}
-    assert np.isfinite(list(losses.values())).all()
-
-
-def test_training_on_one_batch_lowers_its_frame_loss(make_trainer, monkeypatch):
-    trainer = make_trainer(steps=30, lr=1e-2)
-    draw = trainer.train_set.draw
-    monkeypatch.setattr(trainer.train_set, "draw", lambda rng, *sizes: draw(np.random.default_rng(0), *sizes))
-    frame = [trainer.train_step()["frame"] for _ in range(20)]
-    assert frame[-1] < 0.6 * frame[0]
-
-
-def test_every_weight_of_the_encoder_and_decoder_is_trained(make_trainer):
-    trainer = make_trainer(weight_decay=0.0)
-    before = {name: weight.detach().clone() for name, weight in trainer.network.named_parameters()}
-    for _ in range(3):
-        trainer.train_step()
-    unmoved = [
-        name for name, weight in trainer.network.named_parameters() if torch.equal(weight, before[name])
-    ]
-    assert unmoved == []
-
-
-def test_same_seed_gives_the_same_weights_and_another_seed_others(make_trainer):
-    a, b, other = make_trainer(), make_trainer(), make_trainer(seed=1)
-    for trainer in (a, b, other):
-        trainer.train_step()
-    assert_same_weights(a, b)
-    with pytest.raises(AssertionError):
-        assert_same_weights(a, other)
 
 
 def interrupt_in(trainer, step, monkeypatch):
@@ -89,95 +58,99 @@ def interrupt_in(trainer, step, monkeypatch):
     monkeypatch.setattr(trainer, "losses", interrupted)
 
 
+@pytest.mark.parametrize("recipe", ["shipped", "paper"])
 def test_stopped_and_resumed_run_gives_the_weights_of_an_uninterrupted_one(
-    make_trainer, tmp_path, monkeypatch
+    make_trainer, tmp_path, monkeypatch, recipe
 ):
-    checkpoint, weights = tmp_path / "mug.ckpt", tmp_path / "mug.safetensors"
-    whole = make_trainer()
-    run(whole, tmp_path / "whole.ckpt", tmp_path / "whole.safetensors")
+    weights = tmp_path / "mug.safetensors"
+    whole = make_trainer(recipe)
+    run(whole, tmp_path / "whole.safetensors")
 
-    stopped = make_trainer()
+    stopped = make_trainer(recipe)
     interrupt_in(stopped, 1, monkeypatch)
-    run(stopped, checkpoint, weights)
+    run(stopped, weights)
     assert stopped.step == 2
     assert weights.exists()
 
-    resumed = make_trainer()
-    resumed.load_checkpoint(checkpoint)
+    resumed = make_trainer(recipe)
+    resumed.load_checkpoint(weights.with_suffix(".ckpt"))
     assert resumed.step == 2
-    run(resumed, checkpoint, weights)
-    assert resumed.step == PARAMS.steps
+    run(resumed, weights)
+    assert resumed.step == TRAIN["steps"]
     assert_same_weights(whole, resumed)
-    assert weights.read_bytes()[-1000:] == (tmp_path / "whole.safetensors").read_bytes()[-1000:]
 
 
-def test_weights_of_a_run_can_be_loaded_and_say_how_they_came_about(make_trainer, tmp_path):
-    trainer = make_trainer(steps=1)
-    run(trainer, tmp_path / "mug.ckpt", tmp_path / "mug.safetensors")
+@pytest.mark.parametrize("recipe", ["shipped", "paper"])
+def test_weights_of_a_run_can_be_loaded_and_say_how_they_came_about(make_trainer, tmp_path, recipe):
+    trainer = make_trainer(recipe, steps=1)
+    run(trainer, tmp_path / "mug.safetensors")
     network, card = load_network(tmp_path / "mug.safetensors", "mug"), read_card(tmp_path / "mug.safetensors")
     assert network.config == trainer.network.config
-    assert (card["category"], card["step"], card["params"]["seed"]) == ("mug", 1, 0)
-    assert {"recipe", "hours", "commit", "validation"} <= card.keys()
+    assert (card["recipe"], card["category"], card["step"], card["params"]["seed"]) == (recipe, "mug", 1, 0)
+    assert (card["shapes"], card["views"]) == (2, len(trainer.train_set))
+    assert {"hours", "commit"} <= card.keys()
     assert card["validation"]["mm_all"] > 0
 
 
-def test_checkpoint_holds_data_only(make_trainer, tmp_path):
-    trainer = make_trainer()
-    trainer.save_checkpoint(tmp_path / "mug.ckpt")
-    state = torch.load(tmp_path / "mug.ckpt", weights_only=True)  # refuses anything that would run
-    assert state["params"]["steps"] == PARAMS.steps
-    assert not (tmp_path / "mug.partial").exists()
+def test_pictures_lie_beside_the_weights(make_trainer, tmp_path):
+    run(make_trainer(steps=1), tmp_path / "mug.safetensors")
+    assert (tmp_path / "mug_curves.png").read_bytes()[:4] == b"\x89PNG"
+    assert (tmp_path / "mug_reconstructions.png").exists()
 
 
-def test_learning_rate_warms_up_stays_then_falls_to_a_hundredth(make_trainer):
-    trainer = make_trainer(steps=100, warmup=10, lr=1e-3, decay=0.4)
-
-    def rate(step):
-        trainer.step = step
-        return trainer.learning_rate()
-
-    rates = [rate(step) for step in range(100)]
-    assert (np.diff(rates[:10]) > 0).all()
-    assert rates[9:60] == pytest.approx([1e-3] * 51)
-    assert (np.diff(rates[60:]) < 0).all()
-    assert rate(100) == pytest.approx(1e-5)
+def test_progress_tells_losses_figures_and_time_left(make_trainer, tmp_path, capsys):
+    run(make_trainer(steps=2), tmp_path / "mug.safetensors", every=1)
+    line = next(line for line in capsys.readouterr().out.splitlines() if "mug 1/2" in line)
+    for word in ("frame ", "sigma ", "deg_seen ", "iou ", "min left"):
+        assert word in line
 
 
-def test_last_stretch_sees_more_anchors(make_trainer):
-    trainer = make_trainer(steps=100, last_stretch=0.25)
-    anchors = []
-    for trainer.step in range(100):
-        anchors.append(trainer.anchors())
-    assert anchors == [PARAMS.anchors] * 75 + [PARAMS.anchors_last] * 25
+def test_views_come_from_the_shards_of_their_splits(shard_folder, shards_as_found):
+    params = replace(recipe_params("shipped", "mug"), shards=1, validation_shards=1)
+    train_set, validation_set = train.load_views(ShapeSource("mug"), params, shard_folder)
+    assert (train_set.n_shapes, validation_set.n_shapes) == (2, 2)
+    assert not train_set.ambiguous
+    assert (train_set.arrays["points"][0] != validation_set.arrays["points"][0]).any()
+
+
+@pytest.fixture
+def command_line(shard_folder, tmp_path, monkeypatch, shards_as_found):
+    """Runs `train` with tiny parameters on the tiny shards."""
+    monkeypatch.setattr(
+        train, "recipe_params", lambda *of: replace(recipe_params(*of), **TRAIN | {"latent": 16})
+    )
+    monkeypatch.setattr(train.signal, "signal", lambda *arguments: None)
+
+    def call(*arguments):
+        folders = ["--data", str(shard_folder), "--out", str(tmp_path)]
+        monkeypatch.setattr(sys, "argv", ["train", "--category", "mug", *folders, *arguments])
+        train.main()
+
+    return call
+
+
+def test_command_line_trains_and_resumes(command_line, tmp_path):
+    command_line("--steps", "1")
+    assert read_card(tmp_path / "mug.safetensors")["step"] == 1
+    command_line("--steps", "2", "--resume")
+    assert read_card(tmp_path / "mug.safetensors")["step"] == 2
+
+
+def test_command_line_trains_by_the_recipe_of_the_paper(command_line, tmp_path):
+    command_line("--steps", "1", "--recipe", "paper")
+    assert load_network(tmp_path / "mug.safetensors").architecture == "paper"
 
 
 @pytest.mark.parametrize(
-    "change", [{"steps": 0}, {"lr": -1.0}, {"last_stretch": 1.5}, {"views_per_shape": 1}], ids=str
+    ("arguments", "message"),
+    [
+        (["--category", "kettle"], "no simulated shapes of 'kettle'; give --meshes"),
+        (["--meshes", "somewhere"], "name one --category"),
+        (["--recipe", "secret"], "invalid choice"),
+    ],
 )
-def test_parameter_outside_its_range_is_refused(change):
-    with pytest.raises(ParamError, match=next(iter(change))):
-        TrainParams(**change)
-
-
-def test_command_line_trains_and_resumes(shard_folder, tmp_path, monkeypatch, make_trainer):
-    for name in ("train", "validation"):
-        (tmp_path / f"mug_{name}_0000.npz").symlink_to(shard_folder / f"mug_{name}_0000.npz")
-    monkeypatch.setattr(train, "TrainParams", lambda **changes: replace(PARAMS, **changes))
-    monkeypatch.setattr(train.signal, "signal", lambda *arguments: None)
-    arguments = [
-        "train",
-        "--category",
-        "mug",
-        "--data",
-        str(tmp_path),
-        "--out",
-        str(tmp_path),
-        "--threads",
-        "1",
-    ]
-    monkeypatch.setattr(sys, "argv", [*arguments, "--steps", "1", "--shards", "1"])
-    train.main()
-    assert read_card(tmp_path / "mug.safetensors")["step"] == 1
-    monkeypatch.setattr(sys, "argv", [*arguments, "--steps", "2", "--shards", "1", "--resume"])
-    train.main()
-    assert read_card(tmp_path / "mug.safetensors")["step"] == 2
+def test_command_line_that_makes_no_sense_is_refused(monkeypatch, capsys, arguments, message):
+    monkeypatch.setattr(sys, "argv", ["train", *arguments])
+    with pytest.raises(SystemExit):
+        train.main()
+    assert message in capsys.readouterr().err

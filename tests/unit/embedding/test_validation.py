@@ -23,7 +23,7 @@ def answers(monkeypatch):
             _, batch = encode_all(network, views, n_views)
             frame = torch.cat([batch.target[..., :1] + shift_m / UNIT_M, R @ batch.target[..., 1:]], -1)
             one_hot = F.one_hot(batch.shape, 16).float()
-            return Encoding(frame, torch.zeros(len(frame), 3, 8), one_hot, torch.zeros(len(frame), 6)), batch
+            return Encoding(torch.zeros(len(frame), 3, 16), frame, one_hot, torch.zeros(len(frame), 6)), batch
 
         monkeypatch.setattr(validation, "encode_all", encode)
         monkeypatch.setattr(
@@ -70,7 +70,7 @@ def test_decoding_is_relative_to_the_centre_of_the_code(mug_views):
     network = make_network("mug")
     encoding, batch = encode_all(network, mug_views, 3)
     x = batch.queries[1] - encoding.frame[1, :, 0]
-    z = network.latent(encoding)[1] - encoding.frame[1, :, :1]
+    z = encoding.z[1] - encoding.frame[1, :, :1]
     with torch.no_grad():
         expected = network.decoder(x[None], z[None])[0]
     torch.testing.assert_close(decode_all(network, encoding, batch)[1], expected, atol=1e-5, rtol=1e-4)

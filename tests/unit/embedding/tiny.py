@@ -12,6 +12,17 @@ from neuse.geometry import Array, make_transform, transform_points
 from neuse.simulation.shapes import Shape, make_shape
 
 CONFIG = EncoderConfig(n_latent=16, n_points=64, n_anchors=32, width=16, n_vectors=8, n_weights=4, n_blocks=2)
+TRAIN = {
+    "steps": 4,
+    "shapes_per_batch": 2,
+    "views_per_shape": 2,
+    "n_points": 64,
+    "anchors": 16,
+    "anchors_last": 32,
+    "width": 16,
+    "queries": 16,
+    "warmup": 1,
+}
 AMBIGUOUS = {"mug": False, "bottle": True}
 EXTENTS = np.array([0.07, 0.04, 0.05])
 
