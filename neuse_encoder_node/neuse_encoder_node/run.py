@@ -19,22 +19,31 @@ GRACE_S = 0.5
 def run(make_node: Callable[[], StageNode]) -> int:
     """Run a node until Ctrl-C or SIGTERM; what waits in its queue is finished first. Returns an exit code."""
     stop = threading.Event()
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     try:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # whatever rcl finds wrong with the arguments
+        return _refuse_to_start(error)
+    try:
         node = make_node()
     except ParameterException as error:
-        rclpy.logging.get_logger("neuse").fatal(f"cannot start: {error}; correct the parameter")
-        rclpy.shutdown()
-        return 2
+        return _refuse_to_start(error)
     if node.get_parameter("autostart").value and node.trigger_configure() == TransitionCallbackReturn.SUCCESS:
         node.trigger_activate()
     _spin(node, stop)
-    node.trigger_shutdown()
+    if not node.is_shut_down:
+        node.trigger_shutdown()
     node.destroy_node()
     rclpy.shutdown()
     return 0
+
+
+def _refuse_to_start(error: Exception) -> int:
+    reason = str(error).splitlines()[0]
+    rclpy.logging.get_logger("neuse").fatal(f"cannot start: {reason}; correct the arguments")
+    rclpy.try_shutdown()
+    return 2
 
 
 def _spin(node: StageNode, stop: threading.Event) -> None:

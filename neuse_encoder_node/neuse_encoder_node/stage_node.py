@@ -62,6 +62,7 @@ class StageNode(LifecycleNode):
         self.lock = threading.Lock()
         self._worker: Worker | None = None
         self._active = False
+        self.is_shut_down = False
         self._logged_s: dict[str, float] = {}
         self._subscriptions_here: list[Any] = []
         self._publishers_here: list[Any] = []
@@ -165,6 +166,7 @@ class StageNode(LifecycleNode):
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._fall_silent()
         self._disconnect()
+        self.is_shut_down = True
         return super().on_shutdown(state)
 
     def _fall_silent(self) -> None:

@@ -14,7 +14,7 @@ from ament_index_python.packages import get_package_prefix
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-START_S = 60.0  # imports of a process on a busy machine
+START_S = 120.0  # imports of a process on a busy machine
 
 _domains = itertools.cycle(range(20 + os.getpid() % 40, 100))
 Start = Callable[..., subprocess.Popen]
@@ -83,12 +83,14 @@ class RunningNode:
 
     def __init__(self, name: str, log: Path, parameters: dict[str, object]) -> None:
         package = f"neuse_{name}"
-        values = [f"-p{key}:={value}" for key, value in parameters.items()]
+        values = [f"-p{key}:={value}" for key, value in parameters.items() if key != "params_file"]
         executable = Path(get_package_prefix(package), "lib", package, name)
         self.log = log
         with log.open("w") as stream:
             command = [str(executable), *(["--ros-args"] if values else [])]
             command += [word for value in values for word in (value[:2], value[2:])]
+            if "params_file" in parameters:
+                command += ["--ros-args", "--params-file", str(parameters["params_file"])]
             self.process = subprocess.Popen(command, stdout=stream, stderr=subprocess.STDOUT)
 
     @property

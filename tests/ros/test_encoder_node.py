@@ -86,6 +86,38 @@ def test_same_frame_gives_the_same_codes(camera: Camera):
         assert np.array_equal(one.code.z, other.code.z)
 
 
+def depth_in_metres(frame: FrameMessages) -> None:
+    depth_mm = np.frombuffer(frame.depth.data, np.uint16).reshape(HEIGHT, WIDTH)
+    frame.depth = image((depth_mm / 1e3).astype(np.float32), "32FC1", frame.depth.header)
+
+
+def big_endian_depth(frame: FrameMessages) -> None:
+    depth_mm = np.frombuffer(frame.depth.data, np.uint16).reshape(HEIGHT, WIDTH)
+    frame.depth = image(depth_mm.astype(">u2"), "mono16", frame.depth.header)
+    frame.depth.is_bigendian = 1
+
+
+def wide_mask(frame: FrameMessages) -> None:
+    labels = np.frombuffer(frame.mask.data, np.uint8).reshape(HEIGHT, WIDTH)
+    frame.mask = image(labels.astype(np.int32), "32SC1", frame.mask.header)
+
+
+def padded_rows(frame: FrameMessages) -> None:
+    labels = np.frombuffer(frame.mask.data, np.uint8).reshape(HEIGHT, WIDTH)
+    frame.mask = image(np.pad(labels, [(0, 0), (0, 24)]), "mono8", frame.mask.header)
+    frame.mask.width = WIDTH
+
+
+@pytest.mark.parametrize("rewrite", [depth_in_metres, big_endian_depth, wide_mask, padded_rows])
+def test_same_frame_in_another_encoding_is_observed_alike(
+    camera: Camera, rewrite: Callable[[FrameMessages], None]
+):
+    stamp_ns = camera.next_stamp_ns()
+    frame = frame_messages(stamp_ns)
+    rewrite(frame)
+    assert_good(camera.observe(frame, stamp_ns))
+
+
 def half_mask(frame: FrameMessages) -> None:
     frame.mask = image(np.zeros((HEIGHT // 2, WIDTH // 2), np.uint8), "mono8", frame.mask.header)
 
@@ -96,6 +128,20 @@ def unknown_depth_encoding(frame: FrameMessages) -> None:
 
 def unknown_mask_encoding(frame: FrameMessages) -> None:
     frame.mask.encoding = "32FC1"
+
+
+def colored_mask(frame: FrameMessages) -> None:
+    labels = np.frombuffer(frame.mask.data, np.uint8).reshape(HEIGHT, WIDTH)
+    frame.mask = image(np.repeat(labels, 3, axis=1), "rgb8", frame.mask.header)
+    frame.mask.width = WIDTH
+
+
+def camera_matrix_of_nan(frame: FrameMessages) -> None:
+    frame.info.k = np.full(9, np.nan)
+
+
+def image_without_pixels(frame: FrameMessages) -> None:
+    frame.depth.width = frame.depth.height = 0
 
 
 def short_depth(frame: FrameMessages) -> None:
@@ -118,6 +164,9 @@ REFUSED_FRAMES = {
     half_mask: "size_mismatch",
     unknown_depth_encoding: "encoding",
     unknown_mask_encoding: "encoding",
+    colored_mask: "encoding",
+    camera_matrix_of_nan: "intrinsics",
+    image_without_pixels: "array_length",
     short_depth: "array_length",
     zero_camera_matrix: "intrinsics",
     camera_of_another_size: "intrinsics_size",

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from conftest import START_S
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -81,9 +82,32 @@ def test_every_parameter_is_described(peer: Peer):
 
 def test_node_with_a_value_outside_its_range_says_so_in_one_line(start_node):
     node = start_node("slam_node", odometry_wait_s=-3.0)
-    assert node.process.wait(timeout=60) == 2
+    assert node.process.wait(timeout=START_S) == 2
     assert "odometry_wait_s" in node.output
     assert "Traceback" not in node.output
+
+
+def test_node_with_a_value_of_the_wrong_type_says_so_in_one_line(start_node):
+    node = start_node("slam_node", topic_depth="many")
+    assert node.process.wait(timeout=START_S) == 2
+    assert "topic_depth" in node.output
+    assert "Traceback" not in node.output
+
+
+def test_parameter_file_that_is_missing_is_told_in_one_line(start_node):
+    node = start_node("slam_node", params_file="/nowhere/slam.yaml")
+    assert node.process.wait(timeout=START_S) == 2
+    assert "/nowhere/slam.yaml" in node.output
+    assert "Traceback" not in node.output
+
+
+def test_node_that_was_shut_down_still_ends_well(node: Node, start_node):
+    mapper = start_node("mapper_node", autostart=False)
+    peer = Peer(node, "mapper_node")
+    shutdown = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_UNCONFIGURED_SHUTDOWN))
+    assert peer.call(ChangeState, "mapper_node/change_state", shutdown).success
+    assert mapper.end() == 0
+    assert "Traceback" not in mapper.output
 
 
 def test_node_that_cannot_be_configured_says_why_and_waits(node: Node, start_node):

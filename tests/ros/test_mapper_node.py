@@ -163,6 +163,18 @@ def test_frame_with_a_pose_that_is_none_is_counted_and_the_next_is_used(
     assert "pose: " in mapper.output
 
 
+def test_frame_of_wrong_array_length_is_counted_and_the_next_is_used(mapped: Mapper, told: Told, sent):
+    frame, keyframes = told.fed[-1]
+    bad, good = (replace(frame, stamp_ns=frame.stamp_ns + n * 10**8, keyframe_id=NO_ID) for n in (2, 3))
+    message = conversions.tracked_frame_to_msg(bad, "map", "camera")
+    message.observations[0].observation.code.z = message.observations[0].observation.code.z[:-1]
+    frames = mapped.peer.count("frames")
+    mapped.peer.send("neuse/frames", message)
+    mapped.send(good, keyframes)
+    mapped.peer.wait_for_count("array_length")
+    mapped.wait_for_frames(frames + 1)
+
+
 def test_map_is_saved_forgotten_and_loaded_with_the_same_ids(
     mapped: Mapper, told: Told, sent, tmp_path: Path
 ):

@@ -42,6 +42,11 @@ class Tracker:
             if with_odometry or topic != "odom":
                 self.peer.send(topic, message)
 
+    def external_refusals(self) -> int:
+        """How many edges of an external SLAM were refused."""
+        counters = self.peer.diagnostics.items()
+        return sum(int(value) for name, value in counters if name.startswith("external_edge_"))
+
     def wait(self, stamp_ns: int) -> TrackedFrame:
         return conversions.tracked_frame_from_msg(self.peer.wait_for_stamp("neuse/frames", stamp_ns))
 
@@ -157,6 +162,45 @@ def test_external_edge_between_unknown_stamps_is_refused(tracker: Tracker, track
     edge = Edge(0, 1, 5, 6, EdgeKind.EXTERNAL, np.eye(4), np.eye(6))
     tracker.peer.send("neuse/external_edges", conversions.edges_to_msg([edge], 6, CAMERA))
     tracker.peer.wait_for(lambda: any("external" in name for name in tracker.peer.diagnostics), "a counter")
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
+def test_external_edge_with_an_impossible_covariance_is_counted(
+    tracker: Tracker, tracked, slam, value: float
+):
+    first, second = tracked[0], tracked[-1]
+    edge = Edge(0, 1, first.stamp_ns, second.stamp_ns, EdgeKind.EXTERNAL, np.eye(4), np.eye(6))
+    message = conversions.edges_to_msg([edge], second.stamp_ns, CAMERA)
+    message.edges[0].pose.covariance = np.full(36, value)
+    before = tracker.external_refusals()
+    tracker.peer.send("neuse/external_edges", message)
+    tracker.peer.wait_for(lambda: tracker.external_refusals() > before, "a counter of external edges")
+    assert "internal_error" not in slam.output
+
+
+def spoil_code(message: ObjectObservationArray) -> None:
+    message.observations[0].code.z = message.observations[0].code.z[:-1]
+
+
+def spoil_descriptor(message: ObjectObservationArray) -> None:
+    message.observations[0].code.descriptor = message.observations[0].code.descriptor[:-2]
+
+
+def spoil_cloud(message: ObjectObservationArray) -> None:
+    message.observations[0].cloud = message.observations[0].cloud[:-1]
+
+
+def spoil_thumbnail(message: ObjectObservationArray) -> None:
+    message.coarse_depth.data = message.coarse_depth.data[:-4]
+
+
+@pytest.mark.parametrize("spoil", [spoil_code, spoil_descriptor, spoil_cloud, spoil_thumbnail])
+def test_observations_of_wrong_array_length_are_counted(tracker: Tracker, tracked, slam, spoil):
+    message = observed_frame_to_msg(tracker.steps[N_STEPS].frame, CAMERA)
+    spoil(message)
+    before = tracker.peer.count("array_length")
+    tracker.peer.send("neuse/observations", message)
+    tracker.peer.wait_for_count("array_length", before + 1)
 
 
 def test_unusable_messages_are_counted_and_the_next_frame_is_right(tracker: Tracker, tracked, slam):
