@@ -34,12 +34,11 @@ from neuse.embedding.network import load_network, read_card
 from neuse.embedding.reconstruction import decode
 from neuse.embedding.shards import SPLIT_SEEDS
 from neuse.embedding.sightings import CATEGORIES, PER_CATEGORY, Condition, Sighting, draw_sightings
-from neuse.embedding.table import FAR, markdown_table, nees_table
+from neuse.embedding.table import FAR, USUAL, markdown_table, nees_table
 from neuse.errors import MeshError
 from neuse.simulation.meshes import load_meshes
 from neuse.simulation.shapes import Shape, sample_shape
 
-USUAL = "1.5 mm"
 CONDITIONS = (
     Condition("0 mm", 0.0),
     Condition(USUAL, 0.0015),

@@ -3,7 +3,7 @@
 import dataclasses
 import json
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import safetensors
 import torch
@@ -110,7 +110,7 @@ def load_network(path: Path, category: str | None = None) -> Network:
     return network
 
 
-def read_card(path: Path) -> dict[str, object]:
+def read_card(path: Path) -> dict[str, Any]:
     """How the weights in `path` came about: recipe, data, seed, commit, figures.
 
     Raises:

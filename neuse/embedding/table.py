@@ -1,11 +1,11 @@
 """The figures of an embedding as one table, beside the bars it is held to and an early study's figures."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-FAR = "far"
-SHAPE = "shape"
+USUAL, FAR = "1.5 mm", "far"  # conditions
 
 
 @dataclass(frozen=True)
@@ -57,29 +57,32 @@ NEES_GROUPS = ("mug", "mug + bottle", "2 mugs + 2 bottles")
 NEES_RANGE = (0.7, 1.5)
 
 
-def markdown_table(columns: Mapping[str, tuple[Mapping[str, Any], str]], rows: tuple[Row, ...] = ROWS) -> str:
+def markdown_table(columns: Mapping[str, tuple[Mapping[str, Any], str]], rows: Sequence[Row] = ROWS) -> str:
     """Medians (90th percentiles) as a Markdown table; bold where the bar is met.
 
     Args:
-        columns: by heading the figures of `evaluate` and the condition of the column.
+        columns: by heading the figures of `evaluate` and the condition of the column; figures of no
+            condition stand in columns of the usual one.
     """
-    heads = ["", "bar", "study", *columns]
-    lines = [heads, ["---"] * len(heads)]
+    lines = [["", "bar", "study", *columns]]
     for row in rows:
-        cells = [_cell(lookup(figures, row.path, condition), row) for figures, condition in columns.values()]
+        cells = [
+            _cell(lookup(figures, row.path, condition), row) if "*" in row.path or condition == USUAL else ""
+            for figures, condition in columns.values()
+        ]
         lines.append([row.title, f"{row.bar:g}", row.study, *cells])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return _markdown(lines)
 
 
-def nees_table(figures: Mapping[str, Any], condition: str = "1.5 mm") -> str:
+def nees_table(figures: Mapping[str, Any], condition: str = USUAL) -> str:
     """Mean NEES per degree of freedom by view change (less is more overlap) and visibility."""
     groups = {group: figures[condition][f"nees, {group}"] for group in NEES_GROUPS}
     low, high = NEES_RANGE
-    lines = [[f"NEES per degree of freedom ({low} to {high})", *groups], ["---"] * (len(groups) + 1)]
+    lines = [[f"NEES per degree of freedom ({low} to {high})", *groups]]
     for name in next(iter(groups.values())):
-        cells = [f"{bins[name]['mean']:.2f} (n {bins[name]['n']})" for bins in groups.values()]
-        lines.append([name, *cells])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+        figures_of = [bins[name] for bins in groups.values()]
+        lines.append([name, *(f"{f['mean']:.2f}, n {f['n']}" if f["n"] else "-" for f in figures_of)])
+    return _markdown(lines)
 
 
 def lookup(figures: Mapping[str, Any], path: tuple[str, ...], condition: str) -> Any:
@@ -91,9 +94,17 @@ def lookup(figures: Mapping[str, Any], path: tuple[str, ...], condition: str) ->
 
 
 def _cell(figure: Any, row: Row) -> str:
-    if figure is None:
-        return "-"
     median = figure["median"] if isinstance(figure, Mapping) else figure
+    if median is None or math.isnan(median):
+        return "-"
     met = median >= row.bar if row.at_least else median <= row.bar
     text = f"**{median:.3g}**" if met else f"{median:.3g}"
     return f"{text} ({figure['p90']:.3g}), n {figure['n']}" if isinstance(figure, Mapping) else text
+
+
+def _markdown(lines: Sequence[Sequence[str]]) -> str:
+    """The first line is the head; columns padded, so that the source reads as a table too."""
+    widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
+    rule = [["-" * width for width in widths]]
+    padded = [[cell.ljust(width) for cell, width in zip(line, widths, strict=True)] for line in lines]
+    return "\n".join(f"| {' | '.join(line)} |" for line in (padded[:1] + rule + padded[1:]))

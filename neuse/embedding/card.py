@@ -1,0 +1,135 @@
+"""Cards of weights: how they came about, their figures and limits, so that no card is written by hand.
+
+    python -m neuse.embedding.card --figures out/embedding/embedding.json
+
+Writes neuse/weights/<category>.md from the weights' own metadata and what `evaluate` found of them.
+"""
+
+import argparse
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from neuse.embedding.embedding import WEIGHTS
+from neuse.embedding.network import load_network, read_card
+from neuse.embedding.table import ROWS, USUAL, markdown_table
+from neuse.errors import InputError
+
+LOSSES = {
+    "shipped": "frame, occupancy, shape contrast and likelihood losses",
+    "paper": "the paper's transform, occupancy and batch-hard shape losses",
+}
+
+
+def card_text(path: Path, figures: Mapping[str, Any]) -> str:
+    """The card of a weights file, Markdown.
+
+    Raises:
+        WeightsError: the weights cannot be read.
+        InputError: the figures are of other weights.
+    """
+    network, card = load_network(path), read_card(path)
+    category = network.category
+    if json.dumps(figures["cards"].get(category)) != json.dumps(card):  # which may hold NaN
+        raise InputError("card", f"the figures are not of {path}; run evaluate with these weights first")
+    rows = [row for row in ROWS if row.category in ("", category)]
+    size_m = sum(weights.numel() for weights in network.parameters()) / 1e6
+    return CARD.format(
+        category=category,
+        recipe=card["recipe"],
+        losses=LOSSES[network.architecture],
+        batches=_batches(card),
+        data=_data(card),
+        seed=card["params"]["seed"],
+        hours=card["hours"],
+        commit=card["commit"],
+        size=f"{size_m:.1f} million parameters, k = {network.config.n_latent} latent points",
+        scenes=figures["scenes"],
+        shapes=figures["shapes"],
+        table=markdown_table({"median (p90), n": (figures, USUAL)}, rows),
+        limits="\n".join(f"- {limit}" for limit in _limits(category, figures)),
+    )
+
+
+CARD = """# Weights: {category}
+
+| | |
+|---|---|
+| recipe | `python -m neuse.embedding.train --category {category} --recipe {recipe}`: {losses} |
+| batches | {batches} |
+| data | {data} |
+| seed | {seed} |
+| hours | {hours} |
+| commit | {commit} |
+| size | {size} |
+
+## Figures
+
+Unseen {shapes} shapes, 1.5 mm depth noise, 0.3 to 5 m, hidden in part by three other objects, {scenes} scenes
+of 6 views (`make evaluate-embedding`). Bold: within the bar.
+
+{table}
+
+## Limits
+
+{limits}
+"""
+
+
+def _batches(card: Mapping[str, Any]) -> str:
+    p = card["params"]
+    views = f"{p['shapes_per_batch']} shapes x {p['views_per_shape']} views"
+    return f"{card['step']} of {views}, {p['anchors']} then {p['anchors_last']} anchors"
+
+
+def _data(card: Mapping[str, Any]) -> str:
+    shapes = card["shapes"] if "shapes" in card else 25 * card["params"]["shards"]  # of the first files
+    return f"{shapes} shapes of the training split, 16 views each (neuse/embedding/views.py)"
+
+
+def _limits(category: str, figures: Mapping[str, Any]) -> list[str]:
+    """What the figures say of hard views."""
+    usual = figures[USUAL]
+    limits = {
+        "mug": [
+            f"Where the handle is hidden the direction about the axis is not known, and the third sigma says "
+            f"so: over all pairs of views the rotation is {_spread(usual['mug, any']['rotation_deg'])} deg.",
+            f"{_percent(usual['flips, mug with handle seen'])} of the pairs with a seen handle, near and "
+            "well visible, are over 45 degrees wrong.",
+        ],
+        "bottle": [
+            "A turn about the axis is never known: two objects with different axes are needed for a pose.",
+            f"{_percent(usual['flips, bottle'])} of the near and well visible pairs are upside down.",
+            "Bodies that are not round come out round.",
+        ],
+    }
+    shape = figures[f"{category} shape"]
+    tried = shape["failed"] + shape["iou"]["n"]
+    nothing = f"{shape['failed']} of {tried} codes decoded to nothing"
+    return [*limits.get(category, []), f"Reconstructions: IoU {_spread(shape['iou'])}; {nothing}."]
+
+
+def _spread(figure: Mapping[str, float]) -> str:
+    return f"{figure['median']:.2g} (90th percentile {figure['p90']:.2g})"
+
+
+def _percent(figure: Mapping[str, float]) -> str:
+    return f"{100 * figure['rate']:.1f} %"
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--figures", type=Path, required=True, help="embedding.json of evaluate")
+    parser.add_argument("--weights", type=Path, default=WEIGHTS, help="folder of the weights and cards")
+    arguments = parser.parse_args()
+    figures = json.loads(arguments.figures.read_text())
+    for path in sorted(arguments.weights.glob("*.safetensors")):
+        path.with_suffix(".md").write_text(card_text(path, figures))
+
+
+if __name__ == "__main__":
+    main()
