@@ -134,10 +134,11 @@ def main() -> None:
 
 def _params(arguments: argparse.Namespace, checkpoint: Path | None) -> TrainParams:
     """Those of the checkpoint or of the recipe, with what the command line asks for."""
-    params = recipe_params(arguments.recipe, arguments.category)
-    if checkpoint is not None:
-        params = replace(TrainParams(**read_checkpoint(checkpoint)["params"]), recipe=arguments.recipe)
-    given = {name: getattr(arguments, name) for name in ("steps", "shards", "seed")}
+    if checkpoint is None:
+        params = recipe_params(arguments.recipe or TrainParams().recipe, arguments.category)
+    else:
+        params = TrainParams(**read_checkpoint(checkpoint)["params"])
+    given = {name: getattr(arguments, name) for name in ("recipe", "steps", "shards", "seed")}
     return replace(params, **{name: value for name, value in given.items() if value is not None})
 
 
@@ -147,7 +148,7 @@ def _arguments() -> argparse.Namespace:
     )
     add, default = parser.add_argument, TrainParams()
     add("--category", help=f"{', '.join(categories())} or, with --meshes, any; left out: all of the former")
-    add("--recipe", choices=RECIPES, default=default.recipe, help=f"({default.recipe})")
+    add("--recipe", choices=RECIPES, help=f"({default.recipe})")
     add("--meshes", type=Path, help="folder of DIR/<category>/*.obj|ply|stl; every fifth is held out")
     add("--steps", type=int, help=f"batches ({default.steps})")
     add("--shards", type=int, help=f"training shards of 25 shapes ({default.shards})")

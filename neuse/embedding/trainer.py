@@ -104,7 +104,10 @@ class Trainer:
         torch.manual_seed(params.seed)
         architecture = RECIPES[params.recipe]
         config = ARCHITECTURES[architecture].config(
-            n_points=params.n_points, n_latent=params.latent, width=params.width
+            n_points=params.n_points,
+            n_anchors=params.anchors_last,
+            n_latent=params.latent,
+            width=params.width,
         )
         self.network = Network(category, is_ambiguous(category), config).to(group.device)
         self.parallel = DistributedDataParallel(self.network) if group.size > 1 else self.network

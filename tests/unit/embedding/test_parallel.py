@@ -22,7 +22,7 @@ from neuse.embedding.dataset import ViewSet
 from neuse.embedding.parallel import join_group, leave_group
 from neuse.embedding.trainer import Trainer, recipe_params
 
-train.save_reconstructions = lambda *arguments: None  # of an untrained network, which fills all space
+train.save_reconstructions = train.save_curves = lambda *arguments: None
 folder, out = Path(sys.argv[1]), Path(sys.argv[2])
 params = replace(recipe_params("shipped", "mug"), **eval(sys.argv[3]))
 views = ViewSet([folder / "mug_train_0000.npz"], ambiguous=False)
