@@ -18,7 +18,7 @@ from neuse_msgs.msg import ObjectChange
 
 pytestmark = pytest.mark.ros
 
-WAIT_S = 60.0
+WAIT_S = 120.0
 BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
