@@ -19,7 +19,7 @@ from neuse.params import CheckedParams, param
 from neuse.slam.checks import check_choice
 from neuse.slam.clique import max_weight_clique
 from neuse.slam.layout import Pairs, View, same_directions, same_layout
-from neuse.slam.library import Track, places_of, similarity
+from neuse.slam.library import Track, places_of, similarity, unlikeness
 from neuse.slam.localization import Belief, to_camera
 from neuse.slam.object_frames import frames_at
 from neuse.slam.registration import align_frames
@@ -38,14 +38,14 @@ class AssociationParams(CheckedParams):
         "clique", "clique: all objects of a frame together; nearest: the paper's rule, one by one"
     )
     delta_shape: float = param(0.95, "least cosine of descriptors of one object (paper: 0.95)", -1.0, 1.0)
-    delta_shape_in_place: float = param(
-        0.8, "the same for an object seen exactly where it is known to stand", -1.0, 1.0
+    max_unlikeness: float = param(
+        7.0, "1 - cosine of descriptors that an object at its place may show, in units of its noise", 0.1, 1e6
     )
     delta_prox_m: float = param(
         0.03, "place gate for a perfectly known camera pose, metres (paper: 0.03)", 0.001, 1.0
     )
     max_gate_m: float = param(1.0, "the place gate opens no wider, metres", 0.01, 100.0)
-    alone_gate_m: float = param(0.25, "up to this gate one object may match alone, metres", 0.0, 100.0)
+    alone_gate_m: float = param(0.1, "up to this gate one object may match alone, metres", 0.0, 100.0)
     pair_gate_m: float = param(0.6, "up to this gate two objects may match together, metres", 0.0, 100.0)
     clique_tolerance_m: float = param(0.02, "two distances are equal within this, metres", 0.001, 1.0)
     clique_tolerance_rad: float = param(
@@ -79,7 +79,8 @@ def associate(
         prediction: the expected camera pose; its uncertainty is in `drift`.
     """
     places, shapes = places_of(tracks), similarity(view.codes, tracks)
-    pairs = _tracked_pairs(view, places, shapes, drift, prediction.T_map_camera, params)
+    alike = unlikeness(view.codes, tracks) <= params.max_unlikeness
+    pairs = _tracked_pairs(view, places, shapes, alike, drift, prediction.T_map_camera, params)
     matches = _heaviest_tracked(view, places, pairs, drift, prediction.T_map_camera, params)
     free = [i for i in range(len(view)) if i not in matches]
     found, T_map_camera = _relocalize(view, tracks, places, shapes, free, matches, params)
@@ -102,13 +103,13 @@ def complete(
     Unambiguous objects choose first, then the nearest (NeuSE IV-B).
     """
     offsets_m, gates_m = _offsets_and_gates(view, tracks, belief, params)
-    shapes = similarity(view.codes, tracks)
+    alike = unlikeness(view.codes, tracks) <= params.max_unlikeness
     columns = {track.key: m for m, track in enumerate(tracks)}
     result = [
         track if track is not None and offsets_m[i, columns[track.key]] <= 2 * gates_m[i] else None
         for i, track in enumerate(matched)
     ]
-    possible = (offsets_m <= gates_m[:, None]) & (shapes >= params.delta_shape_in_place)
+    possible = (offsets_m <= gates_m[:, None]) & alike
     taken = {track.key for track in result if track is not None}
     order = sorted(
         zip(*np.nonzero(possible), strict=True),
@@ -141,7 +142,13 @@ def _offsets_and_gates(
 
 
 def _tracked_pairs(
-    view: View, places: Array, shapes: Array, drift: Array, T_map_camera: Array, params: AssociationParams
+    view: View,
+    places: Array,
+    shapes: Array,
+    alike: np.ndarray,
+    drift: Array,
+    T_map_camera: Array,
+    params: AssociationParams,
 ) -> Pairs:
     """Pairs alike in shape and within the place gate that the drift since the last sight opens."""
     seen = to_camera(T_map_camera, places)[0]
@@ -149,8 +156,7 @@ def _tracked_pairs(
     square_range = (view.frames.centers**2).sum(axis=1)[:, None]
     variances = drift[None, :, 1] + drift[None, :, 0] * square_range + view.frames.variances[0][:, None]
     gates_m = np.minimum(params.delta_prox_m + GATE_SIGMAS * np.sqrt(variances), params.max_gate_m)
-    least_shape = np.where(gates_m <= params.alone_gate_m, params.delta_shape_in_place, params.delta_shape)
-    rows, columns = np.nonzero((shapes >= least_shape) & (offsets_m <= gates_m))
+    rows, columns = np.nonzero(alike & (offsets_m <= gates_m))
     nearness = 1.0 - offsets_m[rows, columns] / gates_m[rows, columns]
     weights = 1.0 + 0.25 * np.maximum(shapes[rows, columns], 0.0) + 0.25 * nearness
     return Pairs(rows, columns, gates_m[rows, columns], weights)

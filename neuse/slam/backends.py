@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from neuse.geometry import Array, inverse
-from neuse.records import Edge
+from neuse.records import Edge, EdgeKind
 from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.library import Track, orthonormal_place
 from neuse.slam.object_frames import ObjectFrames
@@ -27,7 +27,7 @@ class Backend(Protocol):
         """A new keyframe with its start value, its edges to the window and those that close loops."""
 
     def add_sightings(self, record: KeyframeRecord, tracks: Iterable[Track]) -> None:
-        """The keyframe sees these confirmed tracks."""
+        """The keyframe sees these tracks."""
 
     def add_external(self, edges: Sequence[Edge]) -> None:
         """Edges of an external SLAM."""
@@ -39,7 +39,7 @@ class Backend(Protocol):
         """(6, 6) marginal covariance of a keyframe's pose."""
 
     def place_all(self, tracks: Iterable[Track]) -> None:
-        """Update the places of confirmed tracks from the last solution."""
+        """Update the places of tracks in the graph from the last solution."""
 
 
 class _Base:
@@ -75,7 +75,7 @@ class LandmarkBackend(_Base):
             self.graph.add_origin(0, T_map_camera)
         self.graph.add_pose(record.keyframe_id, T_map_camera)
         for edge in ties:
-            if not edge.object_ids:
+            if edge.kind == EdgeKind.ODOMETRY:
                 self.graph.add_edge(edge, robust=False)
 
     def add_sightings(self, record: KeyframeRecord, tracks: Iterable[Track]) -> None:

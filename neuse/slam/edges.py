@@ -17,6 +17,12 @@ from neuse.slam.registration import Alignment, align_each
 class EdgeParams(CheckedParams):
     """Between which keyframes edges are built, and which are good enough."""
 
+    sigma_factor: float = param(
+        0.5,
+        "factor on sigmas: sigmas.scale expects many views that share one error, an edge has two",
+        0.01,
+        100.0,
+    )
     window: int = param(10, "keyframes in the sliding window (paper: K = 10)", 2, 1000)
     max_residual_m: float = param(0.015, "an edge with a larger residual is refused, metres", 0.0001, 10.0)
     max_sigma_rad: float = param(
@@ -77,11 +83,12 @@ class EdgeBuilder:
         self, olds: Sequence[KeyframeRecord], new: KeyframeRecord, kind: EdgeKind, tracks: dict[int, Track]
     ) -> list[Edge | None]:
         """For each old keyframe its edge to the new one, None if they share too little or a gate refuses."""
-        confirmed = np.array([tracks[key].confirmed for key in new.keys.tolist()], dtype=bool)
-        shared = [np.intersect1d(new.keys[confirmed], old.keys) for old in olds]
+        known = np.array([tracks[key].in_graph for key in new.keys.tolist()], dtype=bool)
+        shared = [np.intersect1d(new.keys[known], old.keys) for old in olds]
         common = [(old, keys) for old, keys in zip(olds, shared, strict=True) if len(keys)]
-        views = [(_rows(new, keys), old.frames[_rows(old, keys)]) for old, keys in common]
-        alignments = iter(align_each(new.frames, views))
+        factor = self.params.sigma_factor
+        views = [(_rows(new, keys), old.frames[_rows(old, keys)].scaled(factor)) for old, keys in common]
+        alignments = iter(align_each(new.frames.scaled(factor), views))
         return [
             self._edge(old, new, kind, keys, next(alignments), tracks) if len(keys) else None
             for old, keys in zip(olds, shared, strict=True)

@@ -1,4 +1,8 @@
-"""Which observations may become objects of the map (NeuSE appendix: near, large, three times in a row)."""
+"""Which observations are followed, and which become objects of the map (NeuSE appendix).
+
+An object of the map was seen near, large and three times in a row. Until then a track is tentative, but it
+constrains poses as well: objects far ahead bridge the way from table to table.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -16,11 +20,19 @@ from neuse.slam.library import Track
 class InstantiationParams(CheckedParams):
     """What it takes to become an object."""
 
+    trackable_sigma_m: float = param(
+        0.03, "an observation whose centre is known no better is not followed, metres", 1e-4, 10.0
+    )
     max_range_m: float = param(2.0, "no further from the camera, metres (paper: 2)", 0.01, 100.0)
     min_mask_px: int = param(
         1000, "no smaller mask, pixels: a small mug at 1 m and 640 x 480 (paper: 4000)", 1, 100000000
     )
-    min_sightings: int = param(3, "seen so often in a row (paper: 3)", 1, 1000)
+    min_sightings: int = param(
+        3,
+        "seen so often in a row, of any size to constrain poses, near and large to be mapped (paper: 3)",
+        1,
+        1000,
+    )
     doubtful_sightings: int = param(
         10, "the same while it may be a known object seen from a drifted pose", 1, 1000
     )
@@ -28,6 +40,12 @@ class InstantiationParams(CheckedParams):
         2, "frames that may miss a tentative object without breaking the row", 0, 1000
     )
     allow_border: bool = param(False, "count sightings that touch the border of the image")
+
+
+def is_trackable(observation: Observation, params: InstantiationParams) -> bool:
+    """Whether an unknown object is followed from now on, be it too far and small for the map."""
+    known_well = float(np.max(observation.code.sigmas[3:])) <= params.trackable_sigma_m
+    return known_well and (params.allow_border or not observation.touches_border)
 
 
 def is_eligible(observation: Observation, params: InstantiationParams) -> bool:

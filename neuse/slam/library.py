@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -11,7 +11,10 @@ from neuse.geometry import Array
 from neuse.records import NO_ID
 from neuse.slam.object_frames import ObjectFrames
 
-MAX_AVERAGED = 20  # sightings over which descriptors and places are averaged
+MEMORY = 20  # sightings after which the averages of descriptors and places forget
+SHAPE_NOISE_M = 0.03  # a centre known no better than this goes with a descriptor that says nothing
+SHAPE_NOISE = (0.004, 0.15)  # 1 - cosine to be expected of a perfect view, and of one that says nothing
+AVERAGED_SHAPE_NOISE = 0.002  # of many views
 
 
 class Shaped(Protocol):
@@ -39,8 +42,10 @@ class LastSighting:
 class Track:
     """One object at one place.
 
-    key: names it inside the tracker, never used again.    object_id: its public name, NO_ID while tentative.
-    place: (3, 3) centre (metres), unit axis and unit handle in the map frame.
+    key: names it inside the tracker, never used again.    object_id: its public name, NO_ID at first.
+    confirmed: it is an object of the map; tentative until then.    in_graph: it constrains keyframes.
+    place: (3, 3) centre (metres), unit axis and unit handle in the map frame.    place_weights: (3,) and
+        shape_weight: information in these and in the descriptor.
     mapped_at, seen_at: (2,) reading of the drift clock (rad^2, m^2) when it was met first and last.
     anchored: the graph says where it stands.    periods: first keyframe of every period of sight.
     """
@@ -57,24 +62,31 @@ class Track:
     object_id: int = NO_ID
     retired: bool = False
     n_sightings: int = 1
-    n_eligible: int = 1
+    n_eligible: int = 0
+    confirmed: bool = False
+    in_graph: bool = False
+    shape_weight: float = 0.0
+    place_weights: Array = field(default_factory=lambda: np.zeros(3))
     anchored: bool = False
     last_keyframe: int = NO_ID
     periods: list[int] = field(default_factory=list)
 
     @property
-    def confirmed(self) -> bool:
-        """Whether it is an object of the map."""
-        return self.object_id != NO_ID
+    def shape_noise(self) -> float:
+        """1 - cosine to be expected of its descriptor (see `shape_noise`)."""
+        return max(1.0 / max(self.shape_weight, 1e-12), AVERAGED_SHAPE_NOISE)
 
     def see(self, code: Code, place: Array, last: LastSighting, drift: Array, frame_index: int) -> None:
         """Take in one more sighting; the place of an anchored object is the graph's business."""
         self.n_sightings += 1
-        share = 1.0 / min(self.n_sightings, MAX_AVERAGED)
-        mean = self.descriptor + share * (code.descriptor - self.descriptor)
+        self.shape_weight = _remembered(self.shape_weight) + 1.0 / shape_noise(code)
+        mean = self.descriptor + (code.descriptor - self.descriptor) / (shape_noise(code) * self.shape_weight)
         self.descriptor = mean / np.linalg.norm(mean)
         if not self.anchored:
-            self.place = orthonormal_place(self.place + share * (place - self.place))
+            weights = 1.0 / last.frames.variances[:, 0]
+            self.place_weights = _remembered(self.place_weights) + weights
+            share = weights / np.maximum(self.place_weights, 1e-12)
+            self.place = orthonormal_place(self.place + share[:, None] * (place - self.place))
         self.last, self.seen_at, self.last_frame = last, drift, frame_index
 
     def enter_keyframe(self, keyframe_id: int, gap: int) -> None:
@@ -98,14 +110,22 @@ class ObjectLibrary:
         track = Track(
             self._next_key, code.category, code.ambiguous, descriptor, place, drift, drift, last, frame_index
         )
+        track.shape_weight = 1.0 / shape_noise(code)
+        track.place_weights = 1.0 / last.frames.variances[:, 0]
         self.tracks[track.key] = track
         self._next_key += 1
         return track
 
+    def name(self, track: Track) -> None:
+        """Give a track a public name, unless it has one."""
+        if track.object_id == NO_ID:
+            track.object_id = self._next_id
+            self._next_id += 1
+
     def confirm(self, track: Track) -> None:
-        """Make a tentative object one of the map, under a fresh id."""
-        track.object_id = self._next_id
-        self._next_id += 1
+        """Make a tentative object one of the map."""
+        self.name(track)
+        track.confirmed = True
 
     def drop(self, tracks: Iterable[Track]) -> None:
         """Forget tentative objects."""
@@ -133,6 +153,23 @@ def similarity(some: Sequence[Shaped], others: Sequence[Shaped]) -> Array:
     return S
 
 
+def shape_noise(code: Code) -> float:
+    """1 - cosine to be expected between the descriptor of one view and a perfect one.
+
+    Descriptors have no sigma of their own, but err together with the centre, whose sigma is predicted.
+    """
+    least, most = SHAPE_NOISE
+    return min(least + float(np.max(code.sigmas[3:]) / SHAPE_NOISE_M) ** 2, most)
+
+
+def unlikeness(some: Sequence[Code | Track], others: Sequence[Track]) -> Array:
+    """(n, m) 1 - cosine of descriptors in units of what their noise explains; infinite across categories."""
+    S = similarity(some, others)
+    noise = np.array([s.shape_noise if isinstance(s, Track) else shape_noise(s) for s in some])
+    known = np.array([track.shape_noise for track in others])
+    return np.where(S > -1.0, (1.0 - S) / (noise[:, None] + known[None]), np.inf)
+
+
 def places_of(tracks: Sequence[Track]) -> Array:
     """(3, m, 3) places of tracks."""
     return np.array([track.place for track in tracks]).reshape(-1, 3, 3).swapaxes(0, 1)
@@ -152,6 +189,10 @@ def drift_between(tracks: Sequence[Track], now: Array) -> Array:
     ways = np.abs(mapped[:, None] - mapped[None, :]) + since_seen[None, :]  # (m, via, 2)
     best = ways[..., 1].argmin(axis=1)
     return ways[np.arange(len(tracks)), best]
+
+
+def _remembered(weights: Any) -> Any:
+    return weights * (1.0 - 1.0 / MEMORY)
 
 
 def orthonormal_place(place: Array) -> Array:

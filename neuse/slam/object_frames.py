@@ -21,8 +21,8 @@ class SigmaParams(CheckedParams):
     """How far the standard deviations that the encoder predicts are trusted."""
 
     scale: float = param(2.0, "factor on predicted sigmas; neighbouring views share one error", 0.01, 100.0)
-    rotation_floor_rad: float = param(0.01, "no rotation is believed better than this, rad", 0.0, 1.0)
-    translation_floor_m: float = param(0.002, "no centre is believed better than this, metres", 0.0, 1.0)
+    rotation_floor_rad: float = param(0.002, "no rotation is believed better than this, rad", 0.0, 1.0)
+    translation_floor_m: float = param(0.0003, "no centre is believed better than this, metres", 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,11 @@ class ObjectFrames:
             self.sigmas[index],
             self.ambiguous[index],
         )
+
+    def scaled(self, factor: float) -> "ObjectFrames":
+        """The same frames with sigmas times `factor`."""
+        noise, variances = factor * self.noise, factor**2 * self.variances
+        return ObjectFrames(self.vectors, noise, variances, factor * self.sigmas, self.ambiguous)
 
     @property
     def centers(self) -> Array:

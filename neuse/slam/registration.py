@@ -13,6 +13,7 @@ from neuse.slam.object_frames import ObjectFrames, SigmaParams, reduce_codes, sk
 LEVER_M = 0.05  # at which directions count as points in `residual_m`: about half an object
 GRADUATION = (64.0, 8.0, 3.0, 3.0, 3.0)  # Cauchy scales in sigmas: from all alike down to the robust answer
 INLIER_SIGMAS = 6.0
+PRIOR_DOF = 6.0  # how much the predicted sigmas count beside the residuals of the very alignment
 MAX_SIGMA_RAD = 1.0  # a rotation known no better than this is not determined
 
 
@@ -51,7 +52,8 @@ def align(codes_a: Sequence[Code], codes_b: Sequence[Code], params: SigmaParams 
 
     Args:
         codes_a, codes_b: codes of the same n objects in the same order, metres, in frames a and b.
-        params: how far the predicted sigmas, which weigh the objects, are trusted.
+        params: how far the predicted sigmas, which weigh the objects, are trusted; None takes them as they
+            are.
     Returns:
         Alignment with p_b = T_b_a @ p_a. Objects that contradict the others have lost their weight.
     Raises:
@@ -60,6 +62,7 @@ def align(codes_a: Sequence[Code], codes_b: Sequence[Code], params: SigmaParams 
             with its handle hidden).
     """
     _check_pairs(codes_a, codes_b)
+    params = params or SigmaParams(scale=1.0)  # two views do not repeat each other
     return align_frames(reduce_codes(codes_a, params), reduce_codes(codes_b, params))
 
 
@@ -99,10 +102,11 @@ def align_each(a: ObjectFrames, others: Sequence[tuple[np.ndarray, ObjectFrames]
     inliers = b.known & (square_errors[:, :2] < INLIER_SIGMAS**2).all(axis=1)
     residuals_m = _residuals_m(differences, weights, inliers)
     covariances = _covariances(T_b_a, a, b.noise, weights)
+    misfits = _misfits(square_errors, b.known, a.ambiguous)
     return [
         None
         if covariance is None
-        else Alignment(T_b_a[i], covariance, float(residuals_m[i]), inliers[i, index])
+        else Alignment(T_b_a[i], misfits[i] * covariance, float(residuals_m[i]), inliers[i, index])
         for i, ((index, _), covariance) in enumerate(zip(others, covariances, strict=True))
     ]
 
@@ -167,6 +171,16 @@ def _residuals_m(differences: Array, weights: Array, inliers: np.ndarray) -> Arr
     weights_m = weights / levers_m**2 * counted[:, None]
     square_m = (differences**2).sum(axis=-1) * levers_m**2
     return np.sqrt((weights_m * square_m).sum(axis=(1, 2)) / weights_m.sum(axis=(1, 2)))
+
+
+def _misfits(square_errors: Array, known: np.ndarray, ambiguous: np.ndarray) -> Array:
+    """(B,) variance factors: square errors of the alignment over those that the sigmas predict.
+
+    The scale of the noise of one alignment, estimated from its residuals and shrunk towards 1.
+    """
+    dof = known.sum(axis=1) * 5.0 + (known & ~ambiguous).sum(axis=1) - 6.0
+    bounded = (square_errors / (1.0 + square_errors / INLIER_SIGMAS**2)).sum(axis=(1, 2))
+    return (PRIOR_DOF + bounded) / (PRIOR_DOF + np.maximum(dof, 0.0))
 
 
 def jacobian(vectors: Array) -> Array:

@@ -111,7 +111,7 @@ class ObjectSlam:
         rejected_before = self._edges.rejected
         keyframe = bool(fresh) or located.relocalized or self._keyframes.is_due(located.belief.T_map_camera)
         if keyframe:
-            edges = self._add_keyframe(self._record(frame.stamp_ns, view, tracks, fix), fresh, located)
+            edges = self._add_keyframe(self._record(frame.stamp_ns, view, tracks, fix), located)
         self._predictor.settle(fix, self._tracker.belief)
         self._keyframes.add_frame(frame.stamp_ns, self._tracker.belief.T_map_camera)
         return TrackedFrame(
@@ -204,11 +204,12 @@ class ObjectSlam:
         keys = np.array([track.key for i in rows if (track := tracks[i]) is not None], dtype=np.intp)
         return KeyframeRecord(len(self._keyframes.records), stamp_ns, keys, view.frames[rows], fix)
 
-    def _add_keyframe(self, record: KeyframeRecord, fresh: Sequence[Track], located: Located) -> list[Edge]:
+    def _add_keyframe(self, record: KeyframeRecord, located: Located) -> list[Edge]:
         """Extend the graph by a keyframe and solve it; returns its edges that are worth publishing."""
         records, tracks = self._keyframes.records, self._tracker.library.tracks
         for key in record.keys.tolist():
             tracks[key].enter_keyframe(record.keyframe_id, self.params.edges.period_gap)
+        entering = self._tracker.enter_graph([tracks[key] for key in record.keys.tolist()])
         with self.stopwatch.timed("edge"):
             short_range = self._edges.short_range(record, records, tracks)
             closures = self._edges.loop_closures(record, records, tracks)
@@ -216,22 +217,23 @@ class ObjectSlam:
         self._backend.add_keyframe(
             record, self._tracker.belief.T_map_camera, [*odometry, *guessed, *short_range], closures
         )
-        self._add_sightings(record, fresh)
+        self._add_sightings(record, entering)
         records.append(record)
         with self.stopwatch.timed("optimise"):
             self._solve(bool(closures) or located.relocalized)
         return [*odometry, *short_range, *closures]
 
-    def _add_sightings(self, record: KeyframeRecord, fresh: Sequence[Track]) -> None:
+    def _add_sightings(self, record: KeyframeRecord, entering: Sequence[Track]) -> None:
+        """What this keyframe sees, and what earlier ones saw of tracks that have just entered the graph."""
         tracks = [self._tracker.library.tracks[key] for key in record.keys.tolist()]
-        self._backend.add_sightings(record, [track for track in tracks if track.confirmed])
+        self._backend.add_sightings(record, [track for track in tracks if track.in_graph])
         for earlier in self._keyframes.records[-self.params.edges.window :]:
-            self._backend.add_sightings(earlier, [track for track in fresh if track.key in earlier.keys])
+            self._backend.add_sightings(earlier, [track for track in entering if track.key in earlier.keys])
 
     def _solve(self, loop_closed: bool) -> None:
         T_last_camera = self._relative_to_last_keyframe()
         self._keyframes.T_map_camera = self._backend.solve(loop_closed)
-        self._backend.place_all([track for track in self._tracker.library.active() if track.confirmed])
+        self._backend.place_all([track for track in self._tracker.library.active() if track.in_graph])
         T_map_camera = self._keyframes.T_map_camera[-1] @ T_last_camera
         self._predictor.correct(self._tracker.belief.T_map_camera, T_map_camera)
         self._tracker.correct(T_map_camera)

@@ -9,9 +9,24 @@ from neuse.embedding.code import Code
 from neuse.geometry import Array
 from neuse.records import Observation
 from neuse.slam.association import AssociationParams, associate, complete
-from neuse.slam.instantiation import InstantiationParams, expired, is_due, is_eligible, may_be_known
+from neuse.slam.instantiation import (
+    InstantiationParams,
+    expired,
+    is_due,
+    is_eligible,
+    is_trackable,
+    may_be_known,
+)
 from neuse.slam.layout import View
-from neuse.slam.library import LastSighting, ObjectLibrary, Track, drift_between, places_of, similarity
+from neuse.slam.library import (
+    LastSighting,
+    ObjectLibrary,
+    Track,
+    drift_between,
+    places_of,
+    similarity,
+    unlikeness,
+)
 from neuse.slam.localization import Belief, localize, to_map
 from neuse.slam.nearest import associate_nearest
 from neuse.slam.odometry import Motion
@@ -84,10 +99,17 @@ class ObjectTracker:
         tracks: list[Track | None] = []
         for i, (observation, track) in enumerate(zip(observations, located.tracks, strict=True)):
             last = LastSighting(view.frames[[i]], view.partial_centers[i], self.belief.T_map_camera)
-            eligible = is_eligible(observation, self.instantiation)
-            tracks.append(self._seen(view, i, placed[:, i], last, track, eligible))
+            tracks.append(self._seen(observation, placed[:, i], last, track))
         self.library.drop(expired(self.library.active(), self._frame_index, self.instantiation))
         return tuple(tracks), self._confirm([track for track in tracks if track is not None])
+
+    def enter_graph(self, seen: Sequence[Track]) -> list[Track]:
+        """Those tracks of a keyframe that have now been seen often enough to constrain keyframes."""
+        due = [t for t in seen if not t.in_graph and t.n_sightings >= self.instantiation.min_sightings]
+        for track in due:
+            self.library.name(track)
+            track.in_graph = True
+        return due
 
     def similar_ids(self, codes: Sequence[Code]) -> list[tuple[int, ...]]:
         """For each code the objects of like shape, most similar first; also those that left their place."""
@@ -100,15 +122,16 @@ class ObjectTracker:
         ]
 
     def _seen(
-        self, view: View, i: int, place: Array, last: LastSighting, track: Track | None, eligible: bool
+        self, observation: Observation, place: Array, last: LastSighting, track: Track | None
     ) -> Track | None:
         if track is not None:
-            track.n_eligible += eligible
-            track.see(view.codes[i], place, last, self._drift, self._frame_index)
-            return track
-        if not eligible:
+            track.see(observation.code, place, last, self._drift, self._frame_index)
+        elif is_trackable(observation, self.instantiation):
+            track = self.library.add(observation.code, place, last, self._drift, self._frame_index)
+        else:
             return None
-        return self.library.add(view.codes[i], place, last, self._drift, self._frame_index)
+        track.n_eligible += is_eligible(observation, self.instantiation)
+        return track
 
     def _confirm(self, seen: Sequence[Track]) -> list[Track]:
         tentative = [track for track in seen if is_due(track, False, self.instantiation)]
@@ -118,7 +141,7 @@ class ObjectTracker:
         drift, matched = drift_between(known, self._drift), {track.key for track in seen}
         fresh = []
         for track in tentative:
-            alike = similarity([track], known)[0] >= self.association.delta_shape_in_place
+            alike = unlikeness([track], known)[0] <= self.association.max_unlikeness
             doubtful = may_be_known(track, alike, known, drift, matched, self.association.delta_prox_m)
             if is_due(track, doubtful, self.instantiation):
                 self.library.confirm(track)

@@ -151,7 +151,7 @@ def test_two_tables_with_one_layout_do_not_relocalise(scene):
 
 def test_tentative_objects_do_not_relocalise(scene):
     for track in scene.tracks:
-        track.object_id = -1
+        track.confirmed = False
     view = view_of(scene.things, exp([0.1, 0.1, 0.2, 0.8, -0.5, 0.3]))
     assert set(associated(scene, view).tracks) == {None}
 

@@ -55,9 +55,9 @@ def run(backend, scene, edges_of, wrong=0.02):
 
 def test_landmarks_correct_odometry(scene):
     poses = run(LandmarkBackend(SolverParams()), scene, lambda i: [odometry(i)])
-    np.testing.assert_allclose(poses, POSES, atol=3e-3)
+    np.testing.assert_allclose(poses, POSES, atol=5e-3)
     for track, thing in zip(scene.tracks, scene.things, strict=True):
-        np.testing.assert_allclose(track.place[0], thing.T_world_object[:3, 3], atol=3e-3)
+        np.testing.assert_allclose(track.place[0], thing.T_world_object[:3, 3], atol=5e-3)
         assert track.anchored
 
 
@@ -65,7 +65,7 @@ def test_landmarks_do_not_use_edges_from_codes(scene):
     """An absurd edge does no harm."""
     absurd = Edge(0, 1, 0, 1, EdgeKind.SHORT_RANGE, exp([1, 0, 0, 9, 9, 9]), 1e-9 * np.eye(6), (0,))
     poses = run(LandmarkBackend(SolverParams()), scene, lambda i: [odometry(i), absurd])
-    np.testing.assert_allclose(poses, POSES, atol=3e-3)
+    np.testing.assert_allclose(poses, POSES, atol=5e-3)
 
 
 def test_edges_correct_odometry(scene):

@@ -25,6 +25,8 @@ class World:
         rng = np.random.default_rng(0)
         self.things = [make_thing(i, i == 1, spot, rng) for i, spot in enumerate(SPOTS)]
         self.tracks = scene_of(self.things).library.tracks
+        for track in self.tracks.values():
+            track.in_graph = True
         self.records: list[KeyframeRecord] = []
 
     @staticmethod
@@ -93,8 +95,8 @@ def test_lone_bottle_never_ties(world):
     assert short_range(world, world.keyframe(1, keys=(1,))) == ([], 1)
 
 
-def test_tentative_objects_do_not_tie(world):
-    world.tracks[0].object_id = -1
+def test_objects_that_are_not_in_the_graph_do_not_tie(world):
+    world.tracks[0].in_graph = False
     world.keyframe(0, keys=(0,))
     assert short_range(world, world.keyframe(1, keys=(0,))) == ([], 0)
 

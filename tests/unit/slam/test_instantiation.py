@@ -5,8 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from neuse.records import NO_ID
-from neuse.slam.instantiation import InstantiationParams, expired, is_due, is_eligible, may_be_known
+from neuse.slam.instantiation import (
+    InstantiationParams,
+    expired,
+    is_due,
+    is_eligible,
+    is_trackable,
+    may_be_known,
+)
 
 from .synthetic import make_thing, small_world
 from .test_association import scene_of
@@ -39,11 +45,19 @@ def test_border_may_be_allowed():
     assert is_eligible(seen_at(1.0, touches_border=True), replace(PARAMS, allow_border=True))
 
 
+@pytest.mark.parametrize(("sigma_m", "trackable"), [(0.02, True), (0.04, False)])
+def test_objects_known_to_centimetres_are_followed(sigma_m, trackable):
+    far = seen_at(4.0, mask_px=100)
+    far = replace(far, code=replace(far.code, sigmas=np.array([0.1, 0.1, 0.1, 0.01, 0.01, sigma_m])))
+    assert is_trackable(far, PARAMS) is trackable
+    assert not is_trackable(replace(far, touches_border=True), PARAMS)
+
+
 @pytest.fixture
 def tentative():
     rng = np.random.default_rng(0)
     scene = scene_of([make_thing(i, False, np.array([0.05 * i, 0, 1.0]), rng) for i in range(2)])
-    scene.tracks[0].object_id = NO_ID
+    scene.tracks[0].confirmed = False
     return scene
 
 

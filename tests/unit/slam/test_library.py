@@ -1,9 +1,20 @@
 """Tracks, their similarity and the drift clock."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from neuse.slam.library import ObjectLibrary, drift_between, orthonormal_place, places_of, similarity
+from neuse.slam.library import (
+    ObjectLibrary,
+    drift_between,
+    orthonormal_place,
+    places_of,
+    shape_noise,
+    similarity,
+    unlikeness,
+)
+from neuse.slam.object_frames import frames_at
 
 from .synthetic import make_thing
 from .test_association import scene_of, view_of
@@ -45,7 +56,19 @@ def test_tentative_tracks_have_no_object_and_confirmed_ones_do(scene):
     )
     assert not track.confirmed
     library.confirm(track)
+    assert track.confirmed
     assert library.named(track.object_id) == [track]
+
+
+def test_confirmed_track_keeps_the_name_that_it_had(scene):
+    library = ObjectLibrary()
+    code, last = view_of(scene.things).codes[0], scene.tracks[0].last
+    first, second = (library.add(code, scene.tracks[0].place, last, np.zeros(2), 0) for _ in range(2))
+    library.name(second)
+    library.name(first)
+    library.confirm(second)
+    assert (first.object_id, second.object_id) == (1, 0)
+    assert (first.confirmed, second.confirmed) == (False, True)
 
 
 def test_retired_tracks_are_known_but_not_active(scene):
@@ -58,11 +81,35 @@ def test_place_is_averaged_until_the_graph_knows_better(scene):
     track = scene.tracks[0]
     further = track.place + np.array([[0.1, 0, 0], [0, 0, 0], [0, 0, 0]])
     see_again(track, scene, further)
-    assert track.place[0, 0] == pytest.approx(0.05)
+    assert track.place[0, 0] == pytest.approx(0.05, abs=0.002)
     track.anchored = True
     see_again(track, scene, further)
-    assert track.place[0, 0] == pytest.approx(0.05)
+    assert track.place[0, 0] == pytest.approx(0.05, abs=0.002)
     assert track.last_frame == 7
+
+
+def test_poor_sighting_hardly_moves_a_well_known_place(scene):
+    track = scene.tracks[0]
+    poor = replace(
+        track.last, frames=frames_at(track.last.frames.vectors, np.full(6, 0.3), np.array([False]))
+    )
+    code = view_of(scene.things).codes[0]
+    track.see(code, track.place + np.array([[0.1, 0, 0], [0, 0, 0], [0, 0, 0]]), poor, np.ones(2), 1)
+    assert 0.0 < track.place[0, 0] < 0.001
+
+
+@pytest.mark.parametrize(("sigma_m", "noise"), [(1e-6, 0.004), (0.006, 0.044), (0.1, 0.15)])
+def test_descriptors_of_ill_known_objects_are_noisy(scene, sigma_m, noise):
+    code = replace(view_of(scene.things).codes[0], sigmas=np.full(6, sigma_m))
+    assert shape_noise(code) == pytest.approx(noise)
+
+
+def test_unlikeness_counts_the_noise_of_both_and_tells_categories_apart(scene):
+    codes = view_of(scene.things).codes
+    S, U = similarity(codes, scene.tracks), unlikeness(codes, scene.tracks)
+    expected = (1.0 - S[0, 0]) / (shape_noise(codes[0]) + scene.tracks[0].shape_noise)
+    assert U[0, 0] == pytest.approx(expected)
+    assert np.isinf(U[S == -1.0]).all()
 
 
 def test_descriptor_stays_of_unit_length(scene):

@@ -51,11 +51,20 @@ def test_objects_come_into_being_at_the_third_sight(tracker, things):
 def test_small_masks_are_no_objects_but_may_be_recognised(tracker, things):
     for _ in range(4):
         observe(tracker, things[:2], mask_px=10)
-    assert tracker.library.active() == []
+    assert not any(track.confirmed for track in tracker.library.active())
     for _ in range(3):
         observe(tracker, things[:2])
     _, tracks, _ = observe(tracker, things[:2], mask_px=10)
-    assert [track.object_id for track in tracks] == [0, 1]
+    assert [(track.object_id, track.confirmed) for track in tracks] == [(0, True), (1, True)]
+
+
+def test_small_masks_constrain_poses_from_the_third_sight(tracker, things):
+    entering = []
+    for _ in range(4):
+        located, tracks, _ = observe(tracker, things[:2], mask_px=10)
+        entering.append(len(tracker.enter_graph(tracks)))
+    assert entering == [0, 0, 2, 0]
+    assert not located.blind
 
 
 def test_row_of_sightings_must_not_break(tracker, things):
