@@ -17,6 +17,7 @@ COARSE_CELLS = 24  # along each side of the first cube
 MAX_CELLS = 160  # along any side of the fine grid
 MAX_HALF_M = 0.25  # the first cube grows to this where the shape leaves it
 OUTSIDE = -10.0
+CHUNK = 4096  # points at a time: their activations fit the cache
 FAST_BF16 = bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())  # matrix units of the processor
 
 Field = Callable[[Array], np.ndarray]  # logits at points of the object frame
@@ -47,7 +48,8 @@ def decode(network: Network, code: Code, points: Array) -> np.ndarray:
     x = torch.from_numpy(np.ascontiguousarray(points / UNIT_M, dtype=np.float32)).to(device)
     fast = FAST_BF16 or device.type != "cpu"
     with torch.inference_mode(), torch.autocast(device.type, torch.bfloat16, enabled=fast):
-        logits = network.decoder(x[None], z.T[None])[0] - network.occupancy_logit
+        parts = [network.decoder(part[None], z.T[None])[0] for part in x.split(CHUNK)]
+        logits = torch.cat(parts) - network.occupancy_logit
     return logits.float().cpu().numpy()
 
 
