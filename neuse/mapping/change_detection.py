@@ -1,8 +1,9 @@
 """Which changes explain what came and what went: moved, added or removed objects (NeuSE IV-D).
 
 The tracker never moves an object: at a new place it instantiates a new one. So a move shows as one object
-gone and a newcomer of its shape, often minutes apart. Reports wait until the evidence is in; should the other
-half of a move turn up after one half was reported, the MOVED supersedes that report (see `settled_changes`).
+gone and a newcomer of its shape, often minutes apart. What is gone is reported within seconds; a newcomer
+waits until the places that it may come from have been seen. Should the other half of a move turn up after one
+half was reported, the MOVED supersedes that report (see `settled_changes`).
 """
 
 from collections.abc import Iterable
@@ -19,11 +20,16 @@ _SAME_PLACE_M = 0.02  # an object that came back to its own place has not moved
 
 @dataclass(frozen=True)
 class ChangeParams(CheckedParams):
-    """How long reports wait."""
+    """How long reports wait for the other half of a move, and how long they can be superseded by it."""
 
+    removal_s: float = param(2.0, "an object gone is held back this long, s", 0.0, 1e6)
     pending_s: float = param(
-        60.0, "an object gone, or come, is held back this long until its other place has been seen", 0.0, 1e6
+        60.0, "an object come is held back this long while it may be from a place not seen since, s", 0.0, 1e6
     )
+    similarity_min: float = param(
+        0.97, "least cosine of the averaged descriptors of an object at its old and its new place", -1.0, 1.0
+    )
+    memory_s: float = param(120.0, "an object reported this long ago explains no newcomer, s", 0.0, 1e6)
 
 
 @dataclass(frozen=True)
@@ -54,9 +60,11 @@ class _Open:
 class ChangeDetector:
     """Pairs objects that are gone with newcomers of like shape; what stays alone is removed or added."""
 
-    def __init__(self, params: ChangeParams, similarity_min: float) -> None:
+    def __init__(self, params: ChangeParams) -> None:
+        self._removal_ns = int(params.removal_s * 1e9)
         self._pending_ns = int(params.pending_s * 1e9)
-        self._similarity_min = similarity_min
+        self._memory_ns = int(params.memory_s * 1e9)
+        self._similarity_min = params.similarity_min
         self._gone: dict[int, _Open] = {}
         self._come: dict[int, _Open] = {}
 
@@ -85,7 +93,7 @@ class ChangeDetector:
         explained = {move.object_id for move in moves}
         waiting = {newcomer_id for _, newcomer_id, known_id in candidates if known_id not in explained}
         alone = [object_id for object_id in self._come if object_id not in waiting]
-        late = [i for i, entry in self._gone.items() if final or self._is_late(entry, stamp_ns)]
+        late = [i for i, e in self._gone.items() if final or stamp_ns - e.since_ns >= self._removal_ns]
         added, removed = _report(alone, self._come, stamp_ns), _report(late, self._gone, stamp_ns)
         return Decision(tuple(moves), added, removed)
 
@@ -134,7 +142,7 @@ class ChangeDetector:
         """What was reported long ago no longer explains anything."""
         for entries in (self._gone, self._come):
             for object_id, entry in list(entries.items()):
-                if entry.reported_ns is not None and stamp_ns - entry.reported_ns >= self._pending_ns:
+                if entry.reported_ns is not None and stamp_ns - entry.reported_ns >= self._memory_ns:
                     del entries[object_id]
 
 

@@ -69,7 +69,7 @@ class ObjectMapper:
         self._evidence = Evidence(self._memory, self._library, params.layout, params.free_space)
         self._presence = Presence(self._evidence, params.newcomers.min_empty_keyframes)
         self._judge = Judge(self._library, self._evidence, self._meshes, params.newcomers, params.upkeep)
-        self._detector = ChangeDetector(params.changes, params.newcomers.similarity_min)
+        self._detector = ChangeDetector(params.changes)
         self._newcomers: set[int] = set()
 
     def step(self, frame: TrackedFrame, keyframes: Sequence[Keyframe] = ()) -> tuple[ObjectChange, ...]:

@@ -45,7 +45,10 @@ class AssociationParams(CheckedParams):
         0.03, "place gate for a perfectly known camera pose, metres (paper: 0.03)", 0.001, 1.0
     )
     max_gate_m: float = param(1.0, "the place gate opens no wider, metres", 0.01, 100.0)
-    alone_gate_m: float = param(0.1, "up to this gate one object may match alone, metres", 0.0, 100.0)
+    alone_gate_m: float = param(0.2, "up to this gate one object may match alone, metres", 0.0, 100.0)
+    open_gate_m: float = param(
+        0.1, "an object that drift may have moved further does not match by its nearness, metres", 0.0, 100.0
+    )
     pair_gate_m: float = param(0.6, "up to this gate two objects may match together, metres", 0.0, 100.0)
     clique_tolerance_m: float = param(0.02, "two distances are equal within this, metres", 0.001, 1.0)
     clique_tolerance_rad: float = param(
@@ -91,54 +94,13 @@ def associate(
     return Association(_as_tuple(matches, tracks, len(view)))
 
 
-def complete(
-    view: View,
-    matched: Sequence[Track | None],
-    tracks: Sequence[Track],
-    belief: Belief,
-    params: AssociationParams,
-) -> tuple[Track | None, ...]:
-    """Matches once the pose is known: contradicting ones go, free observations take what stands there.
-
-    Unambiguous objects choose first, then the nearest (NeuSE IV-B).
-    """
-    offsets_m, gates_m = _offsets_and_gates(view, tracks, belief, params)
-    alike = unlikeness(view.codes, tracks) <= params.max_unlikeness
-    columns = {track.key: m for m, track in enumerate(tracks)}
-    result = [
-        track if track is not None and offsets_m[i, columns[track.key]] <= 2 * gates_m[i] else None
-        for i, track in enumerate(matched)
-    ]
-    possible = (offsets_m <= gates_m[:, None]) & alike
-    taken = {track.key for track in result if track is not None}
-    order = sorted(
-        zip(*np.nonzero(possible), strict=True),
-        key=lambda pair: (view.frames.ambiguous[pair[0]], offsets_m[pair], pair),
-    )
-    for i, m in order:
-        if result[i] is None and tracks[m].key not in taken:
-            result[i] = tracks[m]
-            taken.add(tracks[m].key)
-    return tuple(result)
-
-
 def _as_tuple(matches: dict[int, int], tracks: Sequence[Track], n: int) -> tuple[Track | None, ...]:
     return tuple(tracks[matches[i]] if i in matches else None for i in range(n))
 
 
-def _offsets_and_gates(
-    view: View, tracks: Sequence[Track], belief: Belief, params: AssociationParams
-) -> tuple[Array, Array]:
-    """(n, m) distances between observations and places, (n,) gates of the observations; metres."""
-    seen = to_camera(belief.T_map_camera, places_of(tracks))[0]
-    offsets_m = np.linalg.norm(view.frames.centers[:, None] - seen[None], axis=-1)
-    turn, shift = (
-        np.linalg.eigvalsh(belief.covariance[:3, :3])[-1],
-        np.linalg.eigvalsh(belief.covariance[3:, 3:])[-1],
-    )
-    square_range = (view.frames.centers**2).sum(axis=1)
-    sigmas = np.sqrt(shift + turn * square_range + view.frames.variances[0])
-    return offsets_m, np.minimum(params.delta_prox_m + GATE_SIGMAS * sigmas, params.max_gate_m)
+def square_ranges(view: View) -> Array:
+    """(n,) squared distances of the observations from the camera, m^2."""
+    return (view.frames.centers**2).sum(axis=1)
 
 
 def _tracked_pairs(
@@ -153,7 +115,7 @@ def _tracked_pairs(
     """Pairs alike in shape and within the place gate that the drift since the last sight opens."""
     seen = to_camera(T_map_camera, places)[0]
     offsets_m = np.linalg.norm(view.frames.centers[:, None] - seen[None], axis=-1)
-    square_range = (view.frames.centers**2).sum(axis=1)[:, None]
+    square_range = square_ranges(view)[:, None]
     variances = drift[None, :, 1] + drift[None, :, 0] * square_range + view.frames.variances[0][:, None]
     gates_m = np.minimum(params.delta_prox_m + GATE_SIGMAS * np.sqrt(variances), params.max_gate_m)
     rows, columns = np.nonzero(alike & (offsets_m <= gates_m))

@@ -6,11 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from neuse.geometry import Array, inverse, log
 from neuse.params import CheckedParams, param
 from neuse.records import Edge, EdgeKind
 from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.library import Track
 from neuse.slam.registration import Alignment, align_each
+
+TRACKED_SIGMAS = np.array([0.03, 0.03, 0.03, 0.05, 0.05, 0.05])  # of tracked motions in the window, rad and m
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,11 @@ class EdgeParams(CheckedParams):
     max_sigma_m: float = param(
         0.3, "an edge with a larger predicted translation sigma is refused, m", 1e-4, 100.0
     )
+    max_closure_sigma_rad: float = param(0.05, "the same for loop closures, rad", 1e-4, 3.2)
+    max_closure_sigma_m: float = param(0.04, "the same for loop closures, metres", 1e-4, 100.0)
+    max_disagreement: float = param(
+        5.0, "an edge this many sigmas from the tracked motion is refused: a flipped handle", 1.0, 1e6
+    )
     period_gap: int = param(10, "keyframes without an object that end a period of sight", 1, 1000)
     max_closures: int = param(5, "earlier keyframes tried for loop closure by one keyframe", 0, 1000)
 
@@ -46,11 +54,30 @@ class EdgeBuilder:
         )  # (track, its period, target keyframe) that have an edge
 
     def short_range(
-        self, new: KeyframeRecord, records: Sequence[KeyframeRecord], tracks: dict[int, Track]
+        self,
+        new: KeyframeRecord,
+        records: Sequence[KeyframeRecord],
+        tracks: dict[int, Track],
+        T_olds_new: Array | None = None,
     ) -> list[Edge]:
-        """Edges to the keyframes before `new` in the window."""
+        """Edges to the keyframes before `new` in the window.
+
+        T_olds_new: (n, 4, 4) of `new` relative to each of the records, as tracked.
+        """
         window = [old for old in records[-self.params.window :] if self._in_window(old, new)]
-        return [edge for edge in self._build(window, new, EdgeKind.SHORT_RANGE, tracks) if edge is not None]
+        built = self._build(window, new, EdgeKind.SHORT_RANGE, tracks)
+        edges = [edge for edge in built if edge is not None]
+        if T_olds_new is None:
+            return edges
+        agreeing = [edge for edge in edges if self._agrees(edge, T_olds_new[edge.from_id])]
+        self.rejected += len(edges) - len(agreeing)
+        return agreeing
+
+    def _agrees(self, edge: Edge, T_from_to: Array) -> bool:
+        """Whether the tracked motion, known to TRACKED_SIGMAS, may be what the edge says."""
+        xi = log(inverse(edge.T_from_to) @ T_from_to)
+        square = float(xi @ np.linalg.solve(edge.covariance + np.diag(TRACKED_SIGMAS**2), xi))
+        return square <= self.params.max_disagreement**2
 
     def _in_window(self, old: KeyframeRecord, new: KeyframeRecord) -> bool:
         return new.keyframe_id - self.params.window < old.keyframe_id < new.keyframe_id
@@ -103,7 +130,7 @@ class EdgeBuilder:
         alignment: Alignment | None,
         tracks: dict[int, Track],
     ) -> Edge | None:
-        if alignment is None or not self._is_good(alignment):
+        if alignment is None or not self._is_good(alignment, kind):
             self.rejected += 1
             return None
         return Edge(
@@ -118,16 +145,20 @@ class EdgeBuilder:
             alignment.residual_m,
         )
 
-    def _is_good(self, alignment: Alignment) -> bool:
+    def _is_good(self, alignment: Alignment, kind: EdgeKind) -> bool:
         """Whether it passes the gates: small residual, most objects agree, and well determined.
 
         A lone mug passes only with its handle in view, since else its rotation is not well determined.
         """
+        params = self.params
+        most_rad, most_m = params.max_sigma_rad, params.max_sigma_m
+        if kind == EdgeKind.LOOP_CLOSURE:
+            most_rad, most_m = params.max_closure_sigma_rad, params.max_closure_sigma_m
         return (
-            alignment.residual_m <= self.params.max_residual_m
+            alignment.residual_m <= params.max_residual_m
             and 2 * alignment.n_objects > len(alignment.inliers)
-            and alignment.sigma_rotation_rad <= self.params.max_sigma_rad
-            and alignment.sigma_translation_m <= self.params.max_sigma_m
+            and alignment.sigma_rotation_rad <= most_rad
+            and alignment.sigma_translation_m <= most_m
         )
 
 

@@ -13,7 +13,7 @@ from neuse.slam.object_frames import ObjectFrames
 
 MEMORY = 20  # sightings after which the averages of descriptors and places forget
 SHAPE_NOISE_M = 0.03  # a centre known no better than this goes with a descriptor that says nothing
-SHAPE_NOISE = (0.004, 0.15)  # 1 - cosine to be expected of a perfect view, and of one that says nothing
+SHAPE_NOISE = (0.004, 0.05)  # 1 - cosine to be expected of a perfect view, and of one that says nothing
 AVERAGED_SHAPE_NOISE = 0.002  # of many views
 
 
@@ -193,6 +193,13 @@ def drift_between(tracks: Sequence[Track], now: Array) -> Array:
 
 def _remembered(weights: Any) -> Any:
     return weights * (1.0 - 1.0 / MEMORY)
+
+
+def drift_from(anchors: Sequence[Track], tracks: Sequence[Track]) -> Array:
+    """(m, 2) variances (rad^2, m^2) of each track's place relative to the anchor mapped nearest in time."""
+    mapped = np.stack([track.mapped_at for track in anchors])
+    between = np.abs(np.stack([track.mapped_at for track in tracks])[:, None] - mapped[None])  # (m, via, 2)
+    return between[np.arange(len(tracks)), between[..., 1].argmin(axis=1)]
 
 
 def orthonormal_place(place: Array) -> Array:

@@ -211,7 +211,8 @@ class ObjectSlam:
             tracks[key].enter_keyframe(record.keyframe_id, self.params.edges.period_gap)
         entering = self._tracker.enter_graph([tracks[key] for key in record.keys.tolist()])
         with self.stopwatch.timed("edge"):
-            short_range = self._edges.short_range(record, records, tracks)
+            T_olds_new = inverse(self._keyframes.T_map_camera) @ self._tracker.belief.T_map_camera
+            short_range = self._edges.short_range(record, records, tracks, T_olds_new)
             closures = self._edges.loop_closures(record, records, tracks)
         odometry, guessed = self._predictor.edge(records[-1] if records else None, record, short_range)
         self._backend.add_keyframe(

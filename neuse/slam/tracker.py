@@ -8,7 +8,9 @@ import numpy as np
 from neuse.embedding.code import Code
 from neuse.geometry import Array
 from neuse.records import Observation
-from neuse.slam.association import AssociationParams, associate, complete
+from neuse.slam.association import AssociationParams, associate
+from neuse.slam.completion import complete
+from neuse.slam.displacement import DisplacementWatch
 from neuse.slam.instantiation import (
     InstantiationParams,
     expired,
@@ -61,6 +63,7 @@ class ObjectTracker:
         self.instantiation = instantiation
         self.use_ambiguous = use_ambiguous
         self.library = ObjectLibrary()
+        self._watch = DisplacementWatch(association, instantiation.min_sightings)
         self.belief = Belief(np.eye(4), START_VARIANCE * np.eye(6))
         self._drift = np.zeros(2)
         self._frame_index = 0
@@ -75,11 +78,14 @@ class ObjectTracker:
         else:
             found = associate(view, tracks, drift, prediction, self.association)
         belief = self._localize(view, found.tracks, prediction, found.T_map_camera)
-        matched = complete(view, found.tracks, tracks, belief, self.association)
+        settled = drift_between(tracks, self._drift)
+        matched = complete(view, found.tracks, tracks, settled, belief, self.association)
         if matched != found.tracks:
             belief = self._localize(view, matched, prediction, belief.T_map_camera)
         self.belief = belief
         self._advance(belief, motion)
+        for track in self._watch.displaced(view, matched, tracks, belief.T_map_camera):
+            track.retired = True
         return Located(belief, matched, not self._used(view, matched), found.T_map_camera is not None)
 
     def correct(self, T_map_camera: Array) -> None:

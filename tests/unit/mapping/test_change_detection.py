@@ -8,7 +8,7 @@ from neuse.records import NO_ID, ChangeKind, ObjectChange, ObjectStatus
 from .synthetic import make_code, standing
 
 S = 1_000_000_000
-PENDING = 60 * S
+REMOVAL, PENDING, MEMORY = 2 * S, 60 * S, 120 * S
 
 
 def library_of(*entries):
@@ -25,7 +25,7 @@ def library_of(*entries):
 
 @pytest.fixture
 def detector():
-    return ChangeDetector(ChangeParams(), 0.95)
+    return ChangeDetector(ChangeParams())
 
 
 def decide(detector, library, stamp_ns=0, final=False):
@@ -50,9 +50,9 @@ def test_newcomer_of_another_shape_is_added_at_once_and_the_gone_one_removed_lat
     detector.note_gone(1, 0)
     detector.note_come(2, 0)
     assert decide(detector, library) == ([], [2], [])
-    assert decide(detector, library, PENDING - 1) == NOTHING
-    assert decide(detector, library, PENDING) == ([], [], [1])
-    assert decide(detector, library, PENDING, final=True) == NOTHING
+    assert decide(detector, library, REMOVAL - 1) == NOTHING
+    assert decide(detector, library, REMOVAL) == ([], [], [1])
+    assert decide(detector, library, REMOVAL, final=True) == NOTHING
 
 
 def test_newcomer_waits_while_the_place_of_a_like_object_is_unseen(detector):
@@ -91,8 +91,17 @@ def test_what_was_reported_long_ago_explains_nothing(detector):
     detector.note_gone(1, 0)
     assert decide(detector, library, final=True) == ([], [], [1])
     library.records[1].status = ObjectStatus.REMOVED
-    detector.note_come(2, PENDING)
-    assert decide(detector, library, PENDING) == ([], [2], [])
+    detector.note_come(2, MEMORY)
+    assert decide(detector, library, MEMORY) == ([], [2], [])
+
+
+def test_removal_reported_minutes_ago_may_still_turn_out_a_move(detector):
+    library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
+    detector.note_gone(1, 0)
+    assert decide(detector, library, REMOVAL) == ([], [], [1])
+    library.records[1].status = ObjectStatus.REMOVED
+    detector.note_come(2, MEMORY)
+    assert decide(detector, library, MEMORY) == ([Move(1, 2)], [], [])
 
 
 def test_object_seen_again_is_not_gone(detector):

@@ -77,7 +77,7 @@ def test_object_moved_to_another_table_waits_for_its_old_place():
 
 
 def test_removed_object_put_back_is_added():
-    world = make_world(mapper=ObjectMapper(RECONSTRUCT, MapperParams(changes=ChangeParams(pending_s=0.0))))
+    world = make_world(mapper=ObjectMapper(RECONSTRUCT, MapperParams(changes=ChangeParams(removal_s=0.0))))
     a = world.thing("a")
     world.tour(orbit(count=16))
     world.remove("a")

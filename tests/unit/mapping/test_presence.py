@@ -63,7 +63,7 @@ def test_lying_object_that_is_taken_away_is_removed():
 
 
 def test_removed_object_that_the_tracker_matches_again_is_added():
-    world = make_world(mapper=ObjectMapper(RECONSTRUCT, MapperParams(changes=ChangeParams(pending_s=0.0))))
+    world = make_world(mapper=ObjectMapper(RECONSTRUCT, MapperParams(changes=ChangeParams(removal_s=0.0))))
     world.tour(orbit(count=16))
     a, known = world.thing("a"), (world.ids["a"], world._places["a"])
     world.remove("a")

@@ -7,7 +7,7 @@ import pytest
 
 from neuse.errors import ParamError
 from neuse.geometry import Array, exp, inverse, log, transform_points
-from neuse.slam.association import AssociationParams, associate, complete
+from neuse.slam.association import AssociationParams, associate
 from neuse.slam.layout import View
 from neuse.slam.library import LastSighting, ObjectLibrary, Track, drift_between
 from neuse.slam.localization import Belief, to_map
@@ -159,44 +159,6 @@ def test_tentative_objects_do_not_relocalise(scene):
 def test_empty_view_and_empty_library_give_nothing(scene):
     assert associated(scene, view_of([])).tracks == ()
     assert associated(scene_of([]), view_of(scene.things)).tracks == (None,) * 5
-
-
-def test_completion_fills_in_what_stands_in_its_place(scene):
-    view = view_of(scene.things)
-    partial = (scene.tracks[0], None, None, None, None)
-    matched = complete(view, partial, scene.tracks, EXACT, AssociationParams())
-    assert scene.names(matched) == [0, 1, 2, 3, 4]
-
-
-def test_completion_drops_what_contradicts_the_pose(scene):
-    view = view_of(scene.things[:2])
-    wrong = (scene.tracks[2], scene.tracks[1])
-    matched = complete(view, wrong, scene.tracks, EXACT, AssociationParams())
-    assert scene.names(matched) == [0, 1]
-
-
-def test_completion_never_gives_one_track_twice(scene):
-    thing = scene.things[0]
-    view = view_of([moved(thing, [0.02, 0, 0]), moved(thing, [0.01, 0, 0])])
-    matched = complete(view, (None, None), scene.tracks, EXACT, AssociationParams())
-    assert scene.names(matched) == [None, 0]
-
-
-def test_completion_lets_unambiguous_objects_choose_first(scene):
-    bottle = scene.things[1]
-    mug = replace(scene.things[0], T_world_object=bottle.T_world_object)
-    scene = scene_of([mug])
-    scene.tracks[0].category = "cup"
-    view = view_of([mug, bottle])
-    codes = tuple(replace(code, category="cup", descriptor=mug.descriptor) for code in view.codes)
-    order = complete(
-        replace(view, codes=codes[::-1], frames=view.frames[[1, 0]]),
-        (None, None),
-        scene.tracks,
-        EXACT,
-        AssociationParams(),
-    )
-    assert scene.names(order) == [None, 0]
 
 
 def test_unknown_method_is_refused():
