@@ -83,11 +83,14 @@ class ObjectMapper:
             seen_ids = set(keyframe.centers) | self._recognise_unmatched(frame, keyframe)
             self._presence.update(keyframe, self._memory, self._library, seen_ids)
             self._judge_newcomers(set(keyframe.centers))
+        if frame.loop_closed:
+            self._merge_duplicates()
         return self._detect_changes(final=False)
 
     def finalize(self) -> tuple[ObjectChange, ...]:
         """Decide what is still waiting for evidence, at the end of a bag or when the camera stops."""
         self._judge_newcomers(self._newcomers)
+        self._merge_duplicates()
         return self._detect_changes(final=True)
 
     @property
@@ -169,13 +172,22 @@ class ObjectMapper:
                 continue
             self._newcomers.discard(object_id)
             if verdict.duplicate_of is not None:
-                self._library.merge(object_id, verdict.duplicate_of)
-                self._forget(object_id)
-                self._presence.forget(verdict.duplicate_of)
+                self._merge(object_id, verdict.duplicate_of)
             elif verdict.origin == Origin.CHANGE:
                 self._detector.note_come(object_id, self._stamp_ns)
                 for displaced_id in verdict.displaced:
                     self._presence.displace(displaced_id)
+
+    def _merge_duplicates(self) -> None:
+        """Objects that drift had kept apart and a loop closure has brought together are one."""
+        for duplicate_id, kept_id in self._judge.duplicates():
+            self._merge(duplicate_id, kept_id)
+
+    def _merge(self, duplicate_id: int, kept_id: int) -> None:
+        """One object under two ids."""
+        self._library.merge(duplicate_id, kept_id)
+        self._forget(duplicate_id)
+        self._presence.forget(kept_id)
 
     def _detect_changes(self, final: bool) -> tuple[ObjectChange, ...]:
         """Pair what went with what came, and report what has become certain."""

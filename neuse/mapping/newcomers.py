@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from neuse.mapping.evidence import AnchoredView, Evidence
 from neuse.mapping.free_space import Sight, free_share
@@ -36,11 +37,13 @@ class NewcomerParams(CheckedParams):
     similarity_min: float = param(
         0.95, "cosine of descriptors above which two shapes are alike (delta_shape of NeuSE IV-B)", -1, 1
     )
+    same_place_m: float = param(0.03, "objects of like shape this near to each other are one, m", 0.0, 1.0)
     different_below: float = param(
         0.92, "cosine of descriptors below which two objects in one place are certainly not the same", -1, 1
     )
 
 
+_SWEEP_M = 0.1  # rough centres further apart are of two objects
 _NEIGHBOUR_M = 1.0  # objects further apart do not touch
 
 
@@ -99,6 +102,25 @@ class Judge:
             if self._evidence.is_in_place(unmatched.observation.code.center, known, keyframe):
                 return known.object_id
         return None
+
+    def duplicates(self) -> list[tuple[int, int]]:
+        """(duplicate, older object) of every two objects of like shape in one place."""
+        present = sorted(
+            (r for r in self._library if r.is_present), key=lambda r: (r.since_tick, r.object_id)
+        )
+        centers = np.array([record.rough_center for record in present]).reshape(-1, 3)
+        pairs, paired = list[tuple[int, int]](), set[int]()
+        for i, j in np.argwhere(np.triu(cdist(centers, centers) <= _SWEEP_M, k=1)).tolist():
+            older, later = present[i], present[j]
+            if paired.isdisjoint({older.object_id, later.object_id}) and self._is_same(later, older):
+                paired |= {older.object_id, later.object_id}
+                pairs.append((later.object_id, older.object_id))
+        return pairs
+
+    def _is_same(self, later: ObjectRecord, older: ObjectRecord) -> bool:
+        distance_m = np.linalg.norm(later.center - older.center)
+        alike = later.similarity(older) >= self._params.similarity_min
+        return bool(distance_m <= self._params.same_place_m) and alike
 
     def _neighbours(self, newcomer: ObjectRecord) -> list[ObjectRecord]:
         """Older objects whose box may touch the newcomer's, nearest first."""

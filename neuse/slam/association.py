@@ -19,7 +19,7 @@ from neuse.params import CheckedParams, param
 from neuse.slam.checks import check_choice
 from neuse.slam.clique import max_weight_clique
 from neuse.slam.layout import Pairs, View, same_directions, same_layout
-from neuse.slam.library import Track, places_of, similarity, unlikeness
+from neuse.slam.library import Track, alike_in_place, places_of, similarity
 from neuse.slam.localization import Belief, to_camera
 from neuse.slam.object_frames import frames_at
 from neuse.slam.registration import align_frames
@@ -82,7 +82,7 @@ def associate(
         prediction: the expected camera pose; its uncertainty is in `drift`.
     """
     places, shapes = places_of(tracks), similarity(view.codes, tracks)
-    alike = unlikeness(view.codes, tracks) <= params.max_unlikeness
+    alike = alike_in_place(view.codes, tracks, params.max_unlikeness)
     pairs = _tracked_pairs(view, places, shapes, alike, drift, prediction.T_map_camera, params)
     matches = _heaviest_tracked(view, places, pairs, drift, prediction.T_map_camera, params)
     free = [i for i in range(len(view)) if i not in matches]

@@ -7,7 +7,7 @@ import numpy as np
 from neuse.geometry import Array
 from neuse.slam.association import GATE_SIGMAS, AssociationParams, square_ranges
 from neuse.slam.layout import View
-from neuse.slam.library import Track, drift_from, places_of, unlikeness
+from neuse.slam.library import Track, alike_in_place, drift_from, places_of
 from neuse.slam.localization import Belief, to_camera
 
 
@@ -31,7 +31,7 @@ def complete(
     if anchors:
         drift = drift_from(anchors, tracks)
     offsets_m, gates_m = _offsets_and_gates(view, tracks, belief, params)
-    alike = unlikeness(view.codes, tracks) <= params.max_unlikeness
+    alike = alike_in_place(view.codes, tracks, params.max_unlikeness)
     columns = {track.key: m for m, track in enumerate(tracks)}
     result = [
         track if track is not None and offsets_m[i, columns[track.key]] <= 2 * gates_m[i] else None

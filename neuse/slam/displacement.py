@@ -12,7 +12,7 @@ import numpy as np
 from neuse.geometry import Array
 from neuse.slam.association import AssociationParams
 from neuse.slam.layout import View
-from neuse.slam.library import Track, places_of, shape_noise, unlikeness
+from neuse.slam.library import Track, alike_in_place, places_of, shape_noise
 from neuse.slam.localization import to_camera
 
 CLEAR_SHAPE_NOISE = 0.02  # 1 - cosine to be expected of a view that may contradict
@@ -47,6 +47,6 @@ class DisplacementWatch:
             return []
         seen = to_camera(T_map_camera, places_of(missing))[0]
         offsets_m = np.linalg.norm(view.frames.centers[free][:, None] - seen[None], axis=-1)
-        unlike = unlikeness([view.codes[i] for i in free], missing) > self._params.max_unlikeness
-        taken = (unlike & (offsets_m <= self._params.delta_prox_m)).any(axis=0)
+        alike = alike_in_place([view.codes[i] for i in free], missing, self._params.max_unlikeness)
+        taken = (~alike & (offsets_m <= self._params.delta_prox_m)).any(axis=0)
         return [track for track, is_taken in zip(missing, taken, strict=True) if is_taken]

@@ -15,6 +15,7 @@ MEMORY = 20  # sightings after which the averages of descriptors and places forg
 SHAPE_NOISE_M = 0.03  # a centre known no better than this goes with a descriptor that says nothing
 SHAPE_NOISE = (0.004, 0.05)  # 1 - cosine to be expected of a perfect view, and of one that says nothing
 AVERAGED_SHAPE_NOISE = 0.002  # of many views
+RECENT_FRAMES, RECENT_FACTOR = 30, 4.0  # within 3 s nobody trades objects; a mask may be cut
 
 
 class Shaped(Protocol):
@@ -168,6 +169,18 @@ def unlikeness(some: Sequence[Code | Track], others: Sequence[Track]) -> Array:
     noise = np.array([s.shape_noise if isinstance(s, Track) else shape_noise(s) for s in some])
     known = np.array([track.shape_noise for track in others])
     return np.where(S > -1.0, (1.0 - S) / (noise[:, None] + known[None]), np.inf)
+
+
+def alike_in_place(
+    some: Sequence[Code | Track], others: Sequence[Track], max_unlikeness: float
+) -> np.ndarray:
+    """(n, m) bool, whether these may be the others by their shapes, standing where those stand.
+
+    What was seen there a moment ago is hardly another object now, only half hidden: it may look more unlike.
+    """
+    latest = max((track.last_frame for track in others), default=0)
+    recent = np.array([latest - track.last_frame <= RECENT_FRAMES for track in others], dtype=bool)
+    return unlikeness(some, others) <= np.where(recent, RECENT_FACTOR, 1.0) * max_unlikeness
 
 
 def places_of(tracks: Sequence[Track]) -> Array:

@@ -80,3 +80,19 @@ def test_second_id_for_an_object_still_seen_is_the_same_object():
     world.ids["c"] = first_id
     assert world.finish() == []
     assert_map_is_true(world)
+
+
+def test_doubles_that_a_loop_closure_brings_together_are_one():
+    """The second visit starts 20 cm off under new ids, is settled as such, and then put right."""
+    off = np.array([0.0, 0.0, 0.03, 0.15, 0.05, 0.12])
+    world = make_world(drift=lambda frame: off if 16 <= frame < 32 else np.zeros(6))
+    world.tour(orbit(count=16))
+    old_ids, world.ids = world.ids, {}
+    true = orbit(count=16, start_rad=1.0)
+    world.tour(true)
+    assert len(world.mapper.object_map.objects) > len(world.things)
+    world.correct([*[k.T_map_camera for k in world._keyframes[:16]], *true])
+    world.ids = old_ids
+    world.step(true[0])
+    assert world.finish() == []
+    assert len(world.mapper.object_map.objects) == len(world.things)
