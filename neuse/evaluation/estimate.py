@@ -17,7 +17,7 @@ class Estimate:
 
     frames: poses as published at the time.    keyframes: as optimised last.    maps: in order of stamps.
     stage_ms: mean milliseconds a frame by stage, as the run measured them; encode_per_object and decode: an
-        object. `slam` holds `associate`, `edge` and `optimise`.
+        object. `slam` holds `associate`, `edge` and `optimise`.    categories: by object id.
     """
 
     frames: tuple[FramePose, ...] = ()
@@ -27,6 +27,7 @@ class Estimate:
     changes: tuple[ObjectChange, ...] = ()
     maps: tuple[ObjectMap, ...] = ()
     stage_ms: Mapping[str, float] = field(default_factory=dict)
+    categories: Mapping[int, str] = field(default_factory=dict)
 
     def online_trajectory(self) -> Trajectory:
         """Poses as published at the time."""

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from neuse.errors import InputError
 from neuse.geometry import Array, inverse, quaternion_xyzw
-from neuse.records import NO_ID, Keyframe
+from neuse.records import NO_ID, Keyframe, TrackedFrame
 
 MAX_STAMP_DIFFERENCE_S = 0.01
 
@@ -67,6 +67,7 @@ class FramePose:
     """Pose of one frame as it was published, before later frames corrected it.
 
     keyframe_id: NO_ID when the frame is no keyframe.    blind: no object constrained the pose.
+    covariance: (6, 6) as in neuse.geometry, None if unknown.
     """
 
     stamp_ns: int
@@ -74,6 +75,19 @@ class FramePose:
     keyframe_id: int = NO_ID
     blind: bool = False
     n_objects: int = 0
+    covariance: Array | None = None
+
+    @classmethod
+    def of(cls, frame: TrackedFrame) -> "FramePose":
+        """The pose of a tracked frame."""
+        return cls(
+            frame.stamp_ns,
+            frame.T_map_camera,
+            frame.keyframe_id,
+            frame.odometry_only,
+            len(frame.observations),
+            frame.covariance,
+        )
 
 
 def smoothed_trajectory(frames: Sequence[FramePose], keyframes: Sequence[Keyframe]) -> Trajectory:

@@ -1,9 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from neuse.evaluation.nees import edge_nees, summarize_nees
-from neuse.evaluation.trajectory import Trajectory
+from neuse.evaluation.nees import edge_nees, nees_by_objects, pose_nees, summarize_nees
+from neuse.evaluation.trajectory import FramePose, Trajectory
 from neuse.geometry import Array, exp, inverse
 from neuse.records import Edge, EdgeKind
 
@@ -56,3 +58,26 @@ def test_summary_is_over_the_kinds_that_are_asked_for(helix: Trajectory) -> None
 
 def test_summary_of_no_edges_is_none(helix: Trajectory) -> None:
     assert summarize_nees([], helix, KINDS) is None
+
+
+def test_edges_are_grouped_by_the_categories_of_their_objects(helix: Trajectory) -> None:
+    edge = _edge(helix, 1, 2, np.full(6, 0.1), np.eye(6))
+    edges = [replace(edge, object_ids=ids) for ids in ((0,), (0, 1), (0, 2), (2, 3), (9,), ())]
+    groups = nees_by_objects(edges, {0: "mug", 1: "mug", 2: "bottle", 3: "bottle"}, helix)
+    assert {name: nees and nees.n for name, nees in groups.items()} == {"bottle": 1, "mixed": 1, "mug": 2}
+
+
+def test_poses_are_judged_relative_to_the_first(helix: Trajectory, T_any: Array) -> None:
+    xi, covariance = np.array([0.02, 0, 0, 0, 0, 0.01]), np.diag([1e-4] * 6)
+    path = helix.transformed(T_any)
+    frames = [
+        FramePose(stamp_ns, T @ inverse(exp(xi if i else np.zeros(6))), covariance=covariance)
+        for i, (stamp_ns, T) in enumerate(zip(path.stamps_ns.tolist(), path.T_frame_camera, strict=True))
+    ]
+    nees = pose_nees(frames, helix)
+    assert nees is not None
+    assert (nees.n, nees.mean) == (59, pytest.approx(5.0, rel=1e-6))
+
+
+def test_poses_without_covariance_are_not_judged(helix: Trajectory) -> None:
+    assert pose_nees([FramePose(int(s), np.eye(4)) for s in helix.stamps_ns], helix) is None

@@ -1,0 +1,229 @@
+"""The paper's tables on simulated worlds: our figures beside the paper's, as Markdown and as one HTML page.
+
+    python -m neuse.evaluation.tables --out DIR [--docs FILE] [--seeds N] [--tables localisation,changes,...]
+
+Worlds are simulated and encoded once into DIR/worlds, runs once into DIR/results; both go by what they were
+made with, so that a stopped command goes on where it was, and a changed program starts anew.
+"""
+
+import argparse
+import html
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+from scipy.stats import binomtest
+
+from neuse.evaluation.report import STYLE
+from neuse.evaluation.results import Result, Results
+
+SYNTHETIC = ("synthetic-planar", "synthetic-nonplanar")
+REAL = ("four-round", "triple-infinity")
+COMMAND = "python -m neuse.evaluation.tables --out out/evaluate --seeds {seeds} --tables {name}"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of texts, the first column naming the rows, and the command that makes it."""
+
+    title: str
+    note: str
+    command: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    def markdown(self) -> str:
+        """The table as GitHub shows it."""
+        lines = [self.columns, tuple("---" for _ in self.columns), *self.rows]
+        table = "\n".join("| " + " | ".join(line) + " |" for line in lines)
+        return f"## {self.title}\n\n{self.note}\n\n{table}\n\n`{self.command}`\n"
+
+    def html(self) -> str:
+        """The table as part of a page."""
+        head = "".join(f"<th>{html.escape(cell)}</th>" for cell in self.columns)
+        body = "".join(
+            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in self.rows
+        )
+        return (
+            f"<h2>{html.escape(self.title)}</h2><p>{html.escape(self.note)}</p>"
+            f"<table><tr>{head}</tr>{body}</table><p><code>{html.escape(self.command)}</code></p>"
+        )
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the localisation table: a name, how to read the figure, and the paper's two figures."""
+
+    name: str
+    value: Callable[[Result], float | None]
+    paper: str = "-"
+    digits: int = 3
+
+
+def localisation(results: Results, seeds: int) -> Table:
+    """Table I: errors by traversal, mugs alone against all objects, in both modes; medians over the seeds."""
+    rows = (
+        Row("ATE, 1st traversal (m)", lambda r: r["ate_rmse_m_per_traversal"][0], "0.072 / 0.043"),
+        Row("ATE, 2nd traversal (m)", lambda r: r["ate_rmse_m_per_traversal"][1], "0.096 / 0.071"),
+        Row("ATE, full (m)", lambda r: r["ate_rmse_m"], "0.116 / 0.065"),
+        Row("RPE, a frame (m)", lambda r: r["rpe_trans_rmse_m"], "0.026 / 0.017"),
+        Row("RPE, over 1 m (m)", lambda r: r["rpe_trans_per_m_rmse_m"]),
+        Row("blind pairs (%)", lambda r: 100.0 * r["blind_pairs"] / (r["frames"] - 1), digits=1),
+    )
+    lines = []
+    for preset in SYNTHETIC:
+        runs = [results.over_seeds(v, preset, seeds) for v in ("paper-mugs", "paper", "full-mugs", "full")]
+        lines += [(f"{preset}: {row.name}", *(_median(row, r) for r in runs), row.paper) for row in rows]
+    columns = ("", "paper mode, mugs", "paper mode, all", "full mode, mugs", "full mode, all")
+    return Table(
+        "Localisation on synthetic worlds (Table I)",
+        f"Median over {seeds} seeds. The paper's figures (mugs / all) are those of its planar world.",
+        COMMAND.format(seeds=seeds, name="localisation"),
+        (*columns, "paper, mugs / all"),
+        tuple(lines),
+    )
+
+
+def changes(results: Results, seeds: int) -> Table:
+    """Table IV: changes found, false and missed over all seeds, with Wilson intervals; objects mapped."""
+    paper = {"synthetic-planar": "9 / 0 / 0", "four-round": "9 / 0 / 0", "triple-infinity": "7 / 1 / 0"}
+    lines, total = [], np.zeros(3, dtype=int)
+    for preset in ("tabletop", *SYNTHETIC, *REAL):
+        runs = results.over_seeds("full", preset, seeds)
+        counts = np.sum([[r["changes"][key] for key in ("tp", "fp", "fn")] for r in runs], axis=0)
+        total += counts
+        lines.append((preset, *_change_cells(counts), _object_cell(runs), paper.get(preset, "-")))
+    lines.append(("all", *_change_cells(total), "", ""))
+    return Table(
+        "Change detection (Table IV)",
+        f"Sums over {seeds} seeds; precision and recall with Wilson's 95 % intervals; objects mapped / to be "
+        "mapped, mapped twice, and ghosts.",
+        COMMAND.format(seeds=seeds, name="changes"),
+        ("", "TP / FP / FN", "precision", "recall", "objects", "paper TP / FP / FN"),
+        tuple(lines),
+    )
+
+
+def trust(results: Results, seeds: int) -> Table:
+    """NEES per degree of freedom by type of edge and kind of objects, and of poses; wrong loop closures."""
+    runs = [r for preset in (*SYNTHETIC, *REAL) for r in results.over_seeds("full", preset, seeds)]
+    names = sorted({name for run in runs for name in run["trust"]})
+    lines = [(name, *_nees_cells([run["trust"].get(name) for run in runs])) for name in names]
+    closures = sum(run["edges"]["loop_closure"] for run in runs)
+    wrong = sum(run["wrong_closures"] for run in runs)
+    lines.append((f"loop closures wrong by over 0.10 m or 10 degrees: {wrong} of {closures}", "", "", ""))
+    return Table(
+        "Trust: are the covariances honest?",
+        "Normalised estimation error squared per degree of freedom; 1 is honest, below is cautious.",
+        COMMAND.format(seeds=seeds, name="trust"),
+        ("", "mean", "median", "n"),
+        tuple(lines),
+    )
+
+
+def ablations(results: Results, seeds: int) -> Table:
+    """ATE and changes without one part at a time."""
+    variants = {
+        "full mode": "full",
+        "odometry only when blind": "full-odometry-when-blind",
+        "without change feedback": "full-no-feedback",
+        "without ambiguous objects": "full-mugs",
+        "paper mode": "paper",
+        "paper mode, without loop closures": "paper-no-loops",
+        "paper mode, the paper's association": "paper-nearest",
+        "the same, without spatial proximity": "paper-no-proximity",
+    }
+    lines = []
+    for name, variant in variants.items():
+        cells = []
+        for preset in (SYNTHETIC[0], REAL[1]):
+            runs = results.over_seeds(variant, preset, seeds)
+            counts = np.sum([[r["changes"][key] for key in ("tp", "fp", "fn")] for r in runs], axis=0)
+            cells += [_median(Row("", lambda r: r["ate_rmse_m"]), runs), " / ".join(map(str, counts))]
+        lines.append((name, *cells))
+    return Table(
+        "Ablations",
+        f"Median ATE (m) and changes TP / FP / FN over {seeds} seeds.",
+        COMMAND.format(seeds=seeds, name="ablations"),
+        ("", *(f"{preset}, {figure}" for preset in (SYNTHETIC[0], REAL[1]) for figure in ("ATE", "changes"))),
+        tuple(lines),
+    )
+
+
+TABLES = {"localisation": localisation, "changes": changes, "trust": trust, "ablations": ablations}
+
+
+def wilson(successes: int, trials: int) -> tuple[float, float]:
+    """95 % interval of a proportion (Wilson 1927); (0, 1) without trials."""
+    if trials == 0:
+        return 0.0, 1.0
+    interval = binomtest(successes, trials).proportion_ci(method="wilson")
+    return float(interval.low), float(interval.high)
+
+
+def _change_cells(counts: np.ndarray) -> tuple[str, str, str]:
+    tp, fp, fn = (int(count) for count in counts)
+    return f"{tp} / {fp} / {fn}", _share(tp, tp + fp), _share(tp, tp + fn)
+
+
+def _share(successes: int, trials: int) -> str:
+    low, high = wilson(successes, trials)
+    return "-" if trials == 0 else f"{successes / trials:.3f} [{low:.3f}, {high:.3f}]"
+
+
+def _object_cell(runs: Sequence[Result]) -> str:
+    objects = [run["objects"] for run in runs]
+    mapped, true = sum(o["mapped"] for o in objects), sum(o["true"] for o in objects)
+    twice, ghosts = sum(len(o["duplicates"]) for o in objects), sum(len(o["ghosts"]) for o in objects)
+    return f"{mapped} / {true}, {twice} twice, {ghosts} ghosts"
+
+
+def _nees_cells(parts: Sequence[dict | None]) -> tuple[str, str, str]:
+    """Mean over all samples, median of the runs' medians, and how many samples."""
+    known = [part for part in parts if part]
+    if not known:
+        return "-", "-", "0"
+    n = sum(part["n"] for part in known)
+    mean = sum(part["mean"] * part["n"] / part["dof"] for part in known) / n
+    return f"{mean:.2f}", f"{median(part['median'] / part['dof'] for part in known):.2f}", str(n)
+
+
+def _median(row: Row, runs: Sequence[Result]) -> str:
+    values = [value for run in runs if (value := row.value(run)) is not None]
+    return f"{median(values):.{row.digits}f}" if values else "-"
+
+
+def write_page(tables: Sequence[Table], docs: Path | None, page: Path) -> None:
+    """All tables as Markdown, if asked for, and as a page that needs no other file."""
+    if docs is not None:
+        docs.parent.mkdir(parents=True, exist_ok=True)
+        docs.write_text("# Results\n\n" + "\n".join(table.markdown() for table in tables))
+    body = "\n".join(table.html() for table in tables)
+    page.parent.mkdir(parents=True, exist_ok=True)
+    page.write_text(
+        f"<!DOCTYPE html>\n<html lang='en'><head><meta charset='utf-8'><title>Results</title>"
+        f"<style>{STYLE}</style></head><body><h1>Results</h1>\n{body}\n</body></html>\n"
+    )
+
+
+def main() -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, required=True, help="folder for worlds, results and report.html")
+    parser.add_argument("--docs", type=Path, help="Markdown file to write as well")
+    parser.add_argument("--seeds", type=int, default=5, help="worlds of each preset (5)")
+    parser.add_argument("--frames", type=int, help="only the first frames of each world (all)")
+    parser.add_argument("--tables", default=",".join(TABLES), help=f"which ({','.join(TABLES)})")
+    args = parser.parse_args()
+    results = Results(args.out, args.frames)
+    tables = [TABLES[name](results, args.seeds) for name in args.tables.split(",")]
+    write_page(tables, args.docs, args.out / "report.html")
+    print("\n".join(table.markdown() for table in tables))
+
+
+if __name__ == "__main__":
+    main()

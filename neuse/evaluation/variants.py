@@ -1,0 +1,32 @@
+"""The systems that the tables compare: values of parameters that differ from the defaults."""
+
+from typing import Any
+
+from neuse.params import build
+from neuse.pipeline import PipelineParams
+
+PAPER = {"slam.mode": "edges", "slam.odometry.use": "blind"}
+MUGS = {"slam.use_ambiguous": False}
+NEVER_S = 1e9
+
+VARIANTS: dict[str, dict[str, Any]] = {
+    "full": {},
+    "full-mugs": MUGS,
+    "paper": PAPER,
+    "paper-mugs": PAPER | MUGS,
+    "paper-no-loops": PAPER | {"slam.edges.max_closures": 0},
+    "paper-nearest": PAPER | {"slam.association.method": "nearest"},
+    "paper-no-proximity": PAPER
+    | {"slam.association.method": "nearest", "slam.association.delta_prox_m": 1.0},
+    "full-odometry-when-blind": {"slam.odometry.use": "blind"},
+    "full-no-feedback": {"feedback_delay_s": NEVER_S},
+}
+
+
+def params_of(variant: str) -> PipelineParams:
+    """Parameters of a variant.
+
+    Raises:
+        KeyError: no such variant.
+    """
+    return build(PipelineParams(), VARIANTS[variant])
