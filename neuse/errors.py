@@ -21,6 +21,10 @@ class DegenerateGeometryError(NeuseError, ValueError):
     """The geometry does not determine the answer (too few or collinear points)."""
 
 
+class SolverError(NeuseError):
+    """The pose graph cannot be solved: something in it is not determined, or far from any solution."""
+
+
 class WeightsError(NeuseError):
     """A weights file is missing, damaged, or made for another category or version."""
 

@@ -5,6 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
+from neuse.errors import SolverError
 from neuse.geometry import Array, inverse
 from neuse.records import Edge, EdgeKind
 from neuse.slam.keyframes import KeyframeRecord
@@ -122,12 +123,22 @@ class EdgeBackend(_Base):
             self.graph.add_origin(0, T_map_camera)
             self.window.add(0, T_map_camera, [])
         else:
-            T_previous_new = inverse(self.poses[-1]) @ T_map_camera
-            self.window.add(new, self.window.pose(new - 1) @ T_previous_new, ties)
-            T_map_camera = self.poses[-1] @ inverse(self.window.pose(new - 1)) @ self.window.pose(new)
+            T_map_camera = self.poses[-1] @ self._smoothed(new, inverse(self.poses[-1]) @ T_map_camera, ties)
         self.graph.add_pose(new, T_map_camera)
         for edge in (*ties, *closures):
             self.graph.add_edge(edge)
+
+    def _smoothed(self, new: int, T_previous_new: Array, ties: Sequence[Edge]) -> Array:
+        """T_previous_new by the window. A window that cannot be solved is begun anew with this keyframe."""
+        try:
+            T_window_previous = self.window.pose(new - 1)
+            inside = [edge for edge in ties if self.window.has(edge.from_id)]
+            self.window.add(new, T_window_previous @ T_previous_new, inside)
+        except SolverError:
+            self.window = SlidingWindow(self.window.size, self.params)
+            self.window.add(new, np.eye(4), [])
+            return T_previous_new
+        return inverse(self.window.pose(new - 1)) @ self.window.pose(new)
 
     def add_sightings(self, record: KeyframeRecord, tracks: Iterable[Track]) -> None:
         """Nothing: the edges have said it."""

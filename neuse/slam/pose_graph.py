@@ -4,12 +4,14 @@ The only module that knows gtsam. Vertices are keyframe poses T_map_camera and, 
 points on the objects. Covariances are rotation first in the body frame, as everywhere in the library.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import gtsam
 import numpy as np
 
+from neuse.errors import SolverError
 from neuse.geometry import Array, renormalized
 from neuse.params import CheckedParams, param
 from neuse.records import Edge
@@ -71,12 +73,17 @@ class PoseGraph:
         )
 
     def solve(self, iterations: int = 1) -> None:
-        """Take in what was added and update every estimate."""
-        self._isam.update(self._new_factors, self._new_values)
-        for _ in range(iterations - 1):
-            self._isam.update()
+        """Take in what was added and update every estimate.
+
+        Raises:
+            SolverError: the graph leaves something open; only a new graph helps.
+        """
+        with _solver_errors():
+            self._isam.update(self._new_factors, self._new_values)
+            for _ in range(iterations - 1):
+                self._isam.update()
+            self._estimate = self._isam.calculateEstimate()
         self._new_factors, self._new_values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        self._estimate = self._isam.calculateEstimate()
 
     def poses(self) -> Array:
         """(n, 4, 4) T_map_camera in the order of the keyframe ids."""
@@ -90,8 +97,13 @@ class PoseGraph:
         return dict(zip(sorted(self._points), gtsam.utilities.extractPoint3(self._estimate), strict=True))
 
     def covariance(self, keyframe_id: int) -> Array:
-        """(6, 6) marginal covariance of a keyframe's pose."""
-        return self._isam.marginalCovariance(_pose_key(keyframe_id))
+        """(6, 6) marginal covariance of a keyframe's pose.
+
+        Raises:
+            SolverError: no such keyframe in the solved graph.
+        """
+        with _solver_errors():
+            return self._isam.marginalCovariance(_pose_key(keyframe_id))
 
 
 class SlidingWindow:
@@ -102,14 +114,18 @@ class SlidingWindow:
     """
 
     def __init__(self, size: int, params: SolverParams | None = None) -> None:
-        self.params = params or SolverParams()
+        self.params, self.size = params or SolverParams(), size
         solver = gtsam.LevenbergMarquardtParams()
         solver.setMaxIterations(self.params.window_iterations)
         self._smoother = gtsam.BatchFixedLagSmoother(float(size - 1), solver)
         self._poses: dict[int, Array] = {}
 
     def add(self, keyframe_id: int, T_window_camera: Array, edges: Sequence[Edge]) -> None:
-        """A new keyframe with its start value and its edges into the window; ids count up by one."""
+        """A new keyframe with its start value and its edges into the window; ids count up by one.
+
+        Raises:
+            SolverError: an edge leads to no keyframe of the window.
+        """
         factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         key = _pose_key(keyframe_id)
         values.insert(key, gtsam.Pose3(renormalized(T_window_camera)))
@@ -118,8 +134,13 @@ class SlidingWindow:
             factors.add(gtsam.PriorFactorPose3(key, gtsam.Pose3(T_window_camera), noise))
         for edge in edges:
             factors.add(edge_factor(edge, self.params.huber_sigmas))
-        self._smoother.update(factors, values, {key: float(keyframe_id)})
+        with _solver_errors():
+            self._smoother.update(factors, values, {key: float(keyframe_id)})
         self._read()
+
+    def has(self, keyframe_id: int) -> bool:
+        """Whether a keyframe is inside the window."""
+        return keyframe_id in self._poses
 
     def pose(self, keyframe_id: int) -> Array:
         """T_window_camera of a keyframe inside the window."""
@@ -131,6 +152,16 @@ class SlidingWindow:
             int(gtsam.Symbol(key).index()): estimate.atPose3(key).matrix()
             for key in estimate.keys()  # noqa: SIM118
         }
+
+
+@contextmanager
+def _solver_errors() -> Iterator[None]:
+    """What gtsam raises, as one of the library's errors."""
+    try:
+        yield
+    except (RuntimeError, IndexError) as error:
+        reason = " ".join(str(error).split())[:120]
+        raise SolverError(f"the pose graph cannot be solved ({reason}); reset to begin a new map") from error
 
 
 def edge_factor(edge: Edge, huber_sigmas: float | None) -> gtsam.BetweenFactorPose3:

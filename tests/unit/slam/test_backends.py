@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
+from neuse.errors import SolverError
 from neuse.geometry import exp, inverse
 from neuse.records import Edge, EdgeKind
 from neuse.slam.backends import LEVER_M, EdgeBackend, LandmarkBackend, lever_points
 from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.object_frames import SigmaParams, reduce_codes
-from neuse.slam.pose_graph import SolverParams
+from neuse.slam.pose_graph import SlidingWindow, SolverParams
 
 from .synthetic import make_code, make_thing
 from .test_association import scene_of
@@ -125,3 +126,19 @@ def test_hidden_handles_and_bottles_give_no_handle_point(scene):
     backend.add_sightings(hidden, scene.tracks)
     backend.solve(loop_closed=False)
     assert {point % 3 for point in backend.graph.points()} == {0, 1}
+
+
+def test_window_that_cannot_be_solved_begins_anew(scene, monkeypatch):
+    backend = EdgeBackend(SolverParams(), window=4)
+    broken = SlidingWindow.add
+
+    def add(self, keyframe_id, T_window_camera, edges):
+        if keyframe_id == 2 and edges:
+            raise SolverError("open")
+        broken(self, keyframe_id, T_window_camera, edges)
+
+    monkeypatch.setattr(SlidingWindow, "add", add)
+    poses = run(backend, scene, lambda i: [odometry(i), tie(i, sigma=0.002)])
+    np.testing.assert_allclose(poses, POSES, atol=3e-3)
+    assert not backend.window.has(1)
+    assert backend.window.has(2)

@@ -4,6 +4,7 @@ import gtsam
 import numpy as np
 import pytest
 
+from neuse.errors import SolverError
 from neuse.geometry import exp, inverse, log, transform_points
 from neuse.records import Edge, EdgeKind
 from neuse.slam.pose_graph import PoseGraph, SlidingWindow, SolverParams, edge_factor, sighting_factor
@@ -175,3 +176,28 @@ def test_window_forgets_poses_but_not_what_they_said():
         window.pose(14)
     solution = batch_solution(edges, poses, params)
     assert np.linalg.norm(log(inverse(window.pose(19)) @ solution[19])) < 0.02
+
+
+def test_graph_that_nothing_ties_down_is_refused():
+    graph = PoseGraph()
+    graph.add_pose(0, np.eye(4))
+    graph.add_pose(1, np.eye(4))
+    graph.add_edge(make_edge(0, 1, np.eye(4)))
+    with pytest.raises(SolverError, match="reset"):
+        graph.solve()
+
+
+def test_covariance_of_an_unknown_keyframe_is_refused():
+    graph = PoseGraph()
+    graph.add_origin(0, np.eye(4))
+    graph.add_pose(0, np.eye(4))
+    graph.solve()
+    with pytest.raises(SolverError):
+        graph.covariance(7)
+
+
+def test_window_refuses_an_edge_to_a_keyframe_that_it_never_had():
+    window = SlidingWindow(4)
+    window.add(0, np.eye(4), [])
+    with pytest.raises(SolverError):
+        window.add(1, np.eye(4), [make_edge(7, 1, np.eye(4))])
