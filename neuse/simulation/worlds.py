@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -22,6 +23,7 @@ from neuse.simulation.population import CATEGORIES, Item, population
 from neuse.simulation.presets import PRESETS, WorldPreset
 from neuse.simulation.scene import SceneChange, Table, Timeline, TrueObject
 from neuse.simulation.sensor import apply_faults
+from neuse.simulation.shapes import Shape
 from neuse.simulation.stage import Stage
 from neuse.simulation.trajectory import Trajectory, Waypoint, closed_trajectory
 
@@ -31,6 +33,7 @@ FIRST_STAMP_NS = 1_000_000_000
 FRAME_NS = 100_000_000
 WORKERS = 2
 SCORES = (0.8, 1.0)
+MAX_DRAWS = 4  # of a layout, before a preset is called too full
 
 
 @dataclass(frozen=True)
@@ -83,18 +86,26 @@ def make_world(preset: str | WorldPreset, seed: int, meshes: Path | None = None)
         preset: a name in PRESETS, or one's own.
         meshes: folder of meshes that replace the procedural shapes.
     Raises:
-        ParamError: an unknown preset, one whose objects or changes find no room, or a negative seed.
+        ParamError: an unknown preset, one whose objects or changes find no room in any of MAX_DRAWS layouts,
+            or a negative seed.
         MeshError: a mesh in the folder cannot be used.
     """
     preset = _preset(preset)
     if seed < 0:
         raise ParamError(f"seed {seed} is negative; choose 0 or more")
-    rng = np.random.default_rng([seed, crc32(preset.name.encode())])
+    own = {category: load_meshes(meshes, category) for category in CATEGORIES} if meshes else {}
+    for attempt in range(MAX_DRAWS - 1):
+        with suppress(ParamError):  # objects or changes found no room
+            return _draw_world(preset, seed, attempt, own)
+    return _draw_world(preset, seed, MAX_DRAWS - 1, own)
+
+
+def _draw_world(preset: WorldPreset, seed: int, attempt: int, own: dict[str, list[Shape]]) -> World:
+    rng = np.random.default_rng([seed, crc32(preset.name.encode()), *[attempt] * (attempt > 0)])
     tables = tuple(_jittered_table(table, preset.jitter_m, rng) for table in preset.tables)
     routes = [[_jittered_waypoint(w, preset.jitter_m, rng) for w in route] for route in preset.routes]
     trajectory = closed_trajectory(routes, preset.frames)
     decorator = Decorator(tables, Sight(trajectory, preset.intrinsics), preset.approach_m, rng)
-    own = {category: load_meshes(meshes, category) for category in CATEGORIES} if meshes else {}
     items = population(preset.objects, preset.twins, preset.lying_share, own, rng)
     initial = _initial_objects(items, preset.objects, decorator)
     timeline = change_scene(initial, preset.changes, items, decorator)
