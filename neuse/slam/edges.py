@@ -34,12 +34,15 @@ class EdgeParams(CheckedParams):
     max_sigma_m: float = param(
         0.3, "an edge with a larger predicted translation sigma is refused, m", 1e-4, 100.0
     )
-    max_closure_sigma_rad: float = param(0.05, "the same for loop closures, rad", 1e-4, 3.2)
-    max_closure_sigma_m: float = param(0.04, "the same for loop closures, metres", 1e-4, 100.0)
+    max_closure_sigma_rad: float = param(0.08, "the same for loop closures, rad", 1e-4, 3.2)
+    max_closure_sigma_m: float = param(0.08, "the same for loop closures, metres", 1e-4, 100.0)
     max_disagreement: float = param(
         5.0, "an edge this many sigmas from the tracked motion is refused: a flipped handle", 1.0, 1e6
     )
     period_gap: int = param(10, "keyframes without an object that end a period of sight", 1, 1000)
+    period_sigma_m: float = param(
+        0.015, "a period of sight begins when the centre is known this well, metres", 1e-4, 10.0
+    )
     max_closures: int = param(5, "earlier keyframes tried for loop closure by one keyframe", 0, 1000)
 
 
@@ -97,6 +100,8 @@ class EdgeBuilder:
         """(keyframe, tracks that ask for it), the most asked for first; tried while a period is young."""
         asking: dict[int, list[int]] = {}
         for key in new.keys.tolist():
+            if not tracks[key].periods:
+                continue
             *earlier, current = tracks[key].periods
             if tracks[key].confirmed and new.keyframe_id - current < self.params.window:
                 for target in earlier:

@@ -207,7 +207,8 @@ class ObjectSlam:
     def _add_keyframe(self, record: KeyframeRecord, located: Located) -> list[Edge]:
         """Extend the graph by a keyframe and solve it; returns its edges that are worth publishing."""
         records, tracks = self._keyframes.records, self._tracker.library.tracks
-        for key in record.keys.tolist():
+        well_seen = record.frames.variances[0] <= self.params.edges.period_sigma_m**2
+        for key in record.keys[well_seen].tolist():
             tracks[key].enter_keyframe(record.keyframe_id, self.params.edges.period_gap)
         entering = self._tracker.enter_graph([tracks[key] for key in record.keys.tolist()])
         with self.stopwatch.timed("edge"):
