@@ -199,13 +199,30 @@ def drift_between(tracks: Sequence[Track], now: Array) -> Array:
         return np.zeros((0, 2))
     mapped = np.stack([track.mapped_at for track in tracks])
     since_seen = now - np.stack([track.seen_at for track in tracks])
-    ways = np.abs(mapped[:, None] - mapped[None, :]) + since_seen[None, :]  # (m, via, 2)
-    best = ways[..., 1].argmin(axis=1)
-    return ways[np.arange(len(tracks)), best]
+    via = _nearest_way(mapped[:, 1], since_seen[:, 1])
+    return np.abs(mapped - mapped[via]) + since_seen[via]
 
 
 def _remembered(weights: Any) -> Any:
     return weights * (1.0 - 1.0 / MEMORY)
+
+
+def _nearest_way(readings: Array, costs: Array) -> np.ndarray:
+    """(m,) index v of the least |readings[m] - readings[v]| + costs[v], in m log m steps."""
+    order = np.argsort(readings, kind="stable")
+    at, cost = readings[order], costs[order]
+    before = _running_argmin(cost - at)  # of those with smaller readings
+    after = len(at) - 1 - _running_argmin((cost + at)[::-1])[::-1]
+    is_before = at - at[before] + cost[before] <= at[after] - at + cost[after]
+    best = np.empty(len(at), dtype=np.intp)
+    best[order] = order[np.where(is_before, before, after)]
+    return best
+
+
+def _running_argmin(values: Array) -> np.ndarray:
+    """(m,) index of the smallest of the values so far."""
+    is_least = values == np.minimum.accumulate(values)
+    return np.maximum.accumulate(np.where(is_least, np.arange(len(values)), 0))
 
 
 def drift_from(anchors: Sequence[Track], tracks: Sequence[Track]) -> Array:

@@ -152,6 +152,19 @@ def test_object_mapped_with_one_just_seen_is_known_as_well(scene):
     np.testing.assert_allclose(drift[:, 1], [0.2, 0.3, 4.2])
 
 
+def test_way_with_the_least_drift_is_found_among_many(scene):
+    rng = np.random.default_rng(4)
+    clock = np.sort(rng.random((60, 2)), axis=0)
+    tracks = []
+    for mapped, seen in zip(rng.integers(0, 40, 40), rng.integers(40, 60, 40), strict=True):
+        tracks.append(replace(scene.tracks[0], mapped_at=clock[mapped], seen_at=clock[seen]))
+    readings = np.array([track.mapped_at for track in tracks])
+    since = clock[-1] - np.array([track.seen_at for track in tracks])
+    ways = np.abs(readings[:, None] - readings[None]) + since[None]  # (m, via, 2)
+    expected = ways[np.arange(40), ways[..., 1].argmin(axis=1)]
+    np.testing.assert_allclose(drift_between(tracks, clock[-1]), expected)
+
+
 def test_no_tracks_have_no_drift_and_no_places():
     assert drift_between([], np.zeros(2)).shape == (0, 2)
     assert places_of([]).shape == (3, 0, 3)
