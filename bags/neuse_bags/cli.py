@@ -30,17 +30,17 @@ def command_parser(command: str, description: str | None) -> argparse.ArgumentPa
 
 def run_command(
     parser: argparse.ArgumentParser,
-    action: Callable[[argparse.Namespace], None],
+    action: Callable[[argparse.Namespace], int | None],
     argv: list[str] | None = None,
 ) -> int:
     """Parse, act, and turn expected errors into an exit code; SIGTERM interrupts like Ctrl-C.
 
-    What follows --ros-args is left to rclpy.
+    action: may return an exit code of its own.    What follows --ros-args is left to rclpy.
     """
     args = parser.parse_args(_own_arguments(sys.argv[1:] if argv is None else argv))
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        action(args)
+        return action(args) or 0
     except NeuseError as error:
         print(f"{parser.prog}: {error}", file=sys.stderr)
         return BAD_INPUT
@@ -50,7 +50,6 @@ def run_command(
         return BAD_INPUT
     except KeyboardInterrupt:
         return INTERRUPTED
-    return 0
 
 
 def check_at_least(option: str, value: float, least: float, hint: str) -> None:

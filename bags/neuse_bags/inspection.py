@@ -1,0 +1,156 @@
+"""Whether a bag has what the graph needs, found out from its topics, stamps, and some of its frames."""
+
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rclpy.qos import ReliabilityPolicy
+
+from neuse.embedding.observe import check_frame
+from neuse.errors import InputError
+from neuse_bags import topics
+from neuse_bags.frames import JOINED, read_frames
+from neuse_bags.mcap_file import BagReader, BagTopic
+from neuse_bags.roles import ROLES, Role
+from neuse_bags.scale import ScaleCheck
+
+N_SAMPLES = 20
+Stamps = Mapping[str, Sequence[int]]
+
+
+@dataclass(frozen=True)
+class BagReport:
+    """What a bag has for the graph.
+
+    found: the topic of each role that is there.    n_frames: stamps that all needed topics share.
+    categories: how often each was detected.    faults: what keeps the graph from working, and the way out.
+    notes: what it can live with.
+    """
+
+    path: Path
+    duration_s: float
+    found: tuple[tuple[Role, BagTopic], ...]
+    n_frames: int
+    categories: Counter[str]
+    faults: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def inspect_bag(bag: BagReader, known_categories: Collection[str]) -> BagReport:
+    """Look through a bag. known_categories: those that there are weights for.
+
+    Raises:
+        BagError: the bag is damaged.
+    """
+    found = tuple((role, bag.topics[role.topic.name]) for role in ROLES if role.topic.name in bag.topics)
+    faults, notes = list(_missing(bag)), list(_notes(found))
+    stamps_ns, categories = ({}, Counter[str]()) if faults else _read_stamps(bag)
+    paired_ns = _shared(stamps_ns)
+    if not faults:
+        pairing = _pairing(stamps_ns, len(paired_ns))
+        (faults if 2 * len(paired_ns) < len(stamps_ns[topics.DEPTH.name]) else notes).extend(pairing)
+        faults += _frame_faults(bag, paired_ns)
+        unknown, nothing_known = _category_faults(categories, known_categories)
+        (faults if nothing_known else notes).extend(unknown)
+    duration_s = max(bag.end_ns - bag.start_ns, 0) / 1e9
+    return BagReport(bag.path, duration_s, found, len(paired_ns), categories, tuple(faults), tuple(notes))
+
+
+def _missing(bag: BagReader) -> Iterator[str]:
+    """Topics that are not there, of another type, or empty."""
+    for role in ROLES:
+        name, type_name = role.topic.name, role.topic.type_name
+        topic = bag.topics.get(name)
+        if topic is None and role.needed:
+            yield f"{name} is missing ({type_name}: {role.meaning}){_hint(bag, role)}"
+        elif topic is not None and topic.type_name != type_name:
+            yield f"{name} has type {topic.type_name}; record it as {type_name}"
+        elif topic is not None and role.needed and not topic.n_messages:
+            yield f"{name} has no message; was its publisher running?"
+
+
+def _hint(bag: BagReader, role: Role) -> str:
+    """Topics of the same type under other names."""
+    own = {known.topic.name for known in ROLES} | {topic.name for topic in topics.OUTPUT_TOPICS}
+    alike = [t.name for t in bag.topics.values() if t.type_name == role.topic.type_name and t.name not in own]
+    if not alike:
+        return ""
+    return f"; is it {' or '.join(alike)}? then: convert {bag.path} --remap {alike[0]}:={role.topic.name}"
+
+
+def _notes(found: Sequence[tuple[Role, BagTopic]]) -> Iterator[str]:
+    """What is not as it could be, and does no harm."""
+    for role, topic in found:
+        if role.needed and any(q.reliability == ReliabilityPolicy.BEST_EFFORT for q in topic.qos):
+            yield f"{topic.name} is best effort: leave input_reliable of encoder_node false"
+    if topics.ODOMETRY.name not in {topic.name for _, topic in found}:
+        yield f"no {topics.ODOMETRY.name}: frames without known objects have no pose"
+
+
+def _read_stamps(bag: BagReader) -> tuple[Stamps, Counter[str]]:
+    """Header stamps of the needed topics, and the categories of all instances."""
+    stamps_ns: dict[str, list[int]] = {name: [] for name in JOINED}
+    categories: Counter[str] = Counter()
+    for message in bag.messages(JOINED):
+        stamps_ns[message.topic].append(message.header_stamp_ns)
+        if message.topic == topics.INSTANCES.name:
+            categories.update(item.category for item in message.decode().instances)
+    return stamps_ns, categories
+
+
+def _shared(stamps_ns: Stamps) -> list[int]:
+    """Stamps that all needed topics have, in their order."""
+    return sorted(set.intersection(*map(set, stamps_ns.values()))) if stamps_ns else []
+
+
+def _pairing(stamps_ns: Stamps, n_shared: int) -> Iterator[str]:
+    """Topics whose stamps are not those of the depth images."""
+    depth_ns = np.unique(stamps_ns[topics.DEPTH.name])
+    for name in JOINED[1:]:
+        own_ns = np.unique(stamps_ns[name])
+        n_equal = len(np.intersect1d(depth_ns, own_ns))
+        if n_equal < len(depth_ns):
+            offset_ms = np.median([(own_ns - ns)[np.argmin(np.abs(own_ns - ns))] for ns in depth_ns]) / 1e6
+            yield (
+                f"{n_equal} of {len(depth_ns)} stamps of {topics.DEPTH.name} are on {name}, whose nearest "
+                f"are {offset_ms:+.3f} ms away; give every {name} the header.stamp of its depth image"
+            )
+
+
+def _frame_faults(bag: BagReader, paired_ns: Sequence[int]) -> list[str]:
+    """What is wrong with some frames out of the whole bag, each kind of fault once."""
+    chosen = np.linspace(0, len(paired_ns) - 1, min(N_SAMPLES, len(paired_ns))).astype(int)
+    faults: list[InputError] = []
+    scale = ScaleCheck()
+    for frame in read_frames(bag, faults.append, {paired_ns[index] for index in chosen}):
+        try:
+            check_frame(frame)
+            scale.add(frame)
+        except InputError as fault:
+            faults.append(fault)
+    by_reason = {fault.reason: _named(fault) for fault in reversed(faults)}
+    unit = scale.fault()
+    told = f"{topics.DEPTH.name}: {unit}; send 16UC1 in millimetres or 32FC1 in metres"
+    return [*by_reason.values(), *([told] if unit else [])]
+
+
+def _named(fault: InputError) -> str:
+    """A fault of a frame with the topic that is to be corrected."""
+    if fault.reason == "intrinsics":
+        return f"{topics.DEPTH_INFO.name}: {fault}; fill in k = [fx, 0, cx, 0, fy, cy, 0, 0, 1]"
+    if fault.reason == "intrinsics_size":
+        return f"{topics.DEPTH_INFO.name}: {fault}; send the camera info of the depth image"
+    return f"{topics.DEPTH.name}, {topics.MASK.name}: {fault}"
+
+
+def _category_faults(categories: Counter[str], known: Collection[str]) -> tuple[list[str], bool]:
+    """Categories that there are no weights for, and whether none is left."""
+    if not categories:
+        return [
+            f"{topics.INSTANCES.name} has no instance in any message; did the segmenter find nothing?"
+        ], True
+    unknown = sorted(categories.keys() - set(known))
+    told = f"no weights for {', '.join(unknown)}; there are some for {', '.join(sorted(known))}"
+    return ([told] if unknown else []), len(unknown) == len(categories)

@@ -1,0 +1,173 @@
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+
+from neuse.records import Instance, RgbdFrame
+from neuse_bags import topics
+from neuse_bags.frames import write_frame
+from neuse_bags.info import main
+from neuse_bags.inspection import BagReport, inspect_bag
+from neuse_bags.mcap_file import BagReader, BagWriter
+from neuse_bags.qos import SENSOR
+
+KNOWN = ("mug", "bottle")
+Spoil = Callable[[RgbdFrame], RgbdFrame]
+
+
+def inspect(path: Path) -> BagReport:
+    with BagReader(path) as bag:
+        return inspect_bag(bag, KNOWN)
+
+
+def bag_of(frames: Sequence[RgbdFrame], path: Path) -> Path:
+    with BagWriter(path) as writer:
+        topics.declare(writer, (*topics.FRAME_TOPICS, *topics.COLOR_TOPICS))
+        for frame in frames:
+            write_frame(writer, frame)
+    return path
+
+
+def copy(
+    source: Path, path: Path, leave_out: str = "", rename: dict[str, str] | None = None, shift_ns: int = 0
+) -> Path:
+    """The bag without a topic, with topics renamed, or with the stamps of the mask shifted."""
+    new_names = rename or {}
+    with BagReader(source) as bag, BagWriter(path) as writer:
+        for topic in bag.topics.values():
+            if topic.name != leave_out:
+                writer.add_topic(new_names.get(topic.name, topic.name), topic.type_name, [SENSOR])
+        for message in bag.messages():
+            decoded = message.decode()
+            if message.topic == topics.MASK.name:
+                decoded.header.stamp.nanosec += shift_ns
+            if message.topic != leave_out:
+                name = new_names.get(message.topic, message.topic)
+                writer.write_raw(name, serialize_message(decoded), message.stamp_ns)
+    return path
+
+
+def test_sound_bag_has_topics_counts_and_categories(frames_bag: Path, capsys) -> None:
+    assert main([str(frames_bag)]) == 0
+    said = capsys.readouterr().out
+    assert "0.4 s, 5 frames complete" in said
+    assert "/depth/image" in said
+    assert "5 x  10.0 Hz  reliable/volatile" in said
+    assert "detections: mug 5, bottle 5" in said
+    assert said.endswith("the graph can use it\n")
+    assert "missing" not in said
+
+
+def test_missing_topic_is_told_with_exit_code_one(frames_bag: Path, tmp_path: Path, capsys) -> None:
+    path = copy(frames_bag, tmp_path / "b.mcap", leave_out="/segmentation/mask")
+    assert main([str(path)]) == 1
+    said = capsys.readouterr().out
+    assert "missing: /segmentation/mask is missing (sensor_msgs/msg/Image: instance labels" in said
+    assert said.endswith("the graph cannot use it\n")
+
+
+def test_topic_of_another_name_is_proposed(frames_bag: Path, tmp_path: Path) -> None:
+    renamed = {"/depth/camera_info": "/cam/depth/camera_info"}
+    report = inspect(copy(frames_bag, tmp_path / "b.mcap", rename=renamed))
+    assert [fault for fault in report.faults if "--remap /cam/depth/camera_info:=/depth/camera_info" in fault]
+
+
+def test_topic_of_another_type_is_told(frames_bag: Path, tmp_path: Path) -> None:
+    swapped = {"/odom": "/segmentation/instances", "/segmentation/instances": "/odom"}
+    faults = inspect(copy(frames_bag, tmp_path / "b.mcap", rename=swapped)).faults
+    assert "/segmentation/instances has type nav_msgs/msg/Odometry; record it as neuse_msgs/" in "".join(
+        faults
+    )
+
+
+def test_topic_without_messages_is_told(tmp_path: Path) -> None:
+    assert "/depth/image has no message" in inspect(bag_of([], tmp_path / "b.mcap")).faults[0]
+
+
+def test_stamps_that_never_pair_are_told_with_their_offset(frames_bag: Path, tmp_path: Path) -> None:
+    report = inspect(copy(frames_bag, tmp_path / "b.mcap", shift_ns=3_000_000))
+    assert report.n_frames == 0
+    assert report.faults[0].startswith("0 of 5 stamps of /depth/image are on /segmentation/mask")
+    assert "+3.000 ms away; give every /segmentation/mask the header.stamp" in report.faults[0]
+
+
+def test_few_stamps_that_do_not_pair_are_only_noted(frames: list[RgbdFrame], tmp_path: Path) -> None:
+    path = bag_of(frames, tmp_path / "a.mcap")
+    with BagReader(path) as bag, BagWriter(tmp_path / "b.mcap") as writer:
+        topics.declare(writer, topics.FRAME_TOPICS)
+        messages = [m for m in bag.messages() if m.topic in writer_topics()]
+        for message in messages[:-1]:  # the last frame lacks its instances
+            writer.write_raw(message.topic, message.data, message.stamp_ns)
+    report = inspect(tmp_path / "b.mcap")
+    assert (report.n_frames, report.faults) == (4, ())
+    assert any("4 of 5 stamps" in note for note in report.notes)
+
+
+def writer_topics() -> set[str]:
+    return {topic.name for topic in topics.FRAME_TOPICS}
+
+
+def _uncalibrated(frame: RgbdFrame) -> RgbdFrame:
+    return replace(frame, intrinsics=replace(frame.intrinsics, fx=0.0, fy=0.0))
+
+
+def _of_another_camera(frame: RgbdFrame) -> RgbdFrame:
+    return replace(frame, intrinsics=replace(frame.intrinsics, width=64))
+
+
+def _in_another_unit(frame: RgbdFrame) -> RgbdFrame:
+    return replace(frame, depth_m=frame.depth_m / 100)
+
+
+def _of_another_size(frame: RgbdFrame) -> RgbdFrame:
+    return replace(frame, mask=np.zeros((2, 2), np.int32))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        (_uncalibrated, r"/depth/camera_info: .*calibrated\?; fill in k = \[fx"),
+        (_of_another_camera, "/depth/camera_info: camera info is for 64 x 24.*; send the camera info of"),
+        (_in_another_unit, "/depth/image: the unit of depth is wrong.*; send 16UC1 in millimetres"),
+        (_of_another_size, "/depth/image, /segmentation/mask: .*one size"),
+    ],
+)
+def test_frames_that_cannot_be_used_are_told(
+    frames: list[RgbdFrame], tmp_path: Path, spoil: Spoil, told: str
+) -> None:
+    faults = inspect(bag_of([spoil(frame) for frame in frames], tmp_path / "b.mcap")).faults
+    assert len(faults) == 1
+    assert re.search(told, faults[0])
+
+
+def _renamed(frame: RgbdFrame, *categories: str) -> RgbdFrame:
+    labels = (7, 200)
+    return replace(frame, instances=tuple(map(Instance, labels, categories)))
+
+
+def test_categories_without_weights_are_noted_and_refused_where_no_other_is_left(
+    frames: list[RgbdFrame], tmp_path: Path
+) -> None:
+    some = inspect(bag_of([_renamed(f, "mug", "kettle") for f in frames], tmp_path / "some.mcap"))
+    none = inspect(bag_of([_renamed(f, "pan", "kettle") for f in frames], tmp_path / "none.mcap"))
+    empty = inspect(bag_of([replace(f, instances=()) for f in frames], tmp_path / "empty.mcap"))
+    assert "no weights for kettle; there are some for bottle, mug" in some.notes
+    assert some.faults == ()
+    assert none.faults == ("no weights for kettle, pan; there are some for bottle, mug",)
+    assert "has no instance at all" in empty.faults[0]
+
+
+def test_best_effort_inputs_and_missing_odometry_are_noted(frames_bag: Path, tmp_path: Path) -> None:
+    notes = inspect(copy(frames_bag, tmp_path / "b.mcap", leave_out="/odom")).notes
+    assert "no /odom: frames without known objects have no pose" in notes
+    assert "/depth/image is best effort: leave input_reliable of encoder_node false" in notes
+
+
+def test_file_that_is_no_bag_ends_with_exit_code_two(tmp_path: Path, capsys) -> None:
+    (tmp_path / "no.mcap").write_bytes(b"no bag")
+    assert main([str(tmp_path / "no.mcap")]) == 2
+    assert capsys.readouterr().err.startswith("neuse_bags info: ")
