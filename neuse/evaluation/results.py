@@ -24,10 +24,13 @@ WRONG_RAD, WRONG_M = np.deg2rad(10.0), 0.10  # a loop closure further off is wro
 
 
 class Results:
-    """Results by variant, preset and seed under one folder; what is missing is computed when asked for."""
+    """Results by variant, preset and seed under one folder; what is missing is computed when asked for.
 
-    def __init__(self, folder: Path, frames: int | None = None) -> None:
-        self._folder, self._frames = folder, frames
+    frames: only so many first frames of each world; None for all.    first_seed: where the seeds begin.
+    """
+
+    def __init__(self, folder: Path, frames: int | None = None, first_seed: int = 0) -> None:
+        self._folder, self._frames, self._first_seed = folder, frames, first_seed
         self._stamp = fingerprint(RUN_SOURCES)
 
     def get(self, variant: str, preset: str, seed: int) -> Result:
@@ -43,8 +46,9 @@ class Results:
         return json.loads(path.read_text())
 
     def over_seeds(self, variant: str, preset: str, seeds: int) -> list[Result]:
-        """The results of seeds 0, 1, ..."""
-        return [self.get(variant, preset, seed) for seed in range(seeds)]
+        """The results of so many seeds, from the first one on."""
+        first = self._first_seed
+        return [self.get(variant, preset, seed) for seed in range(first, first + seeds)]
 
 
 def figures(world: EncodedWorld, estimate: Estimate) -> Result:

@@ -57,3 +57,15 @@ def test_results_are_computed_once(helix, estimate, tmp_path, monkeypatch):
     assert Results(tmp_path).get("full", "helix", 0) == first
     assert [r["wrong_closures"] for r in Results(tmp_path).over_seeds("full", "helix", 1)] == [1]
     assert len(runs) == 1
+
+
+def test_seeds_begin_at_the_first_one_asked_for(helix, estimate, tmp_path, monkeypatch):
+    seeds = []
+    monkeypatch.setattr(
+        module,
+        "encoded_world",
+        lambda preset, seed, *_: seeds.append(seed) or EncodedWorld(preset, seed, (), (), Truth(helix)),
+    )
+    monkeypatch.setattr(module, "run_encoded", lambda *_: estimate)
+    Results(tmp_path, first_seed=100).over_seeds("full", "helix", 2)
+    assert seeds == [100, 101]
