@@ -1,49 +1,93 @@
-"""Make a bag of a folder of one's own pictures."""
+"""Make a bag of one's own data: a folder of pictures, or a ROS 2 bag whose topics have other names.
+
+Which of these a folder is, is seen from its files. What cannot be used is told in one line: which file, and
+what to write. `neuse_bags info BAG` says the same of a finished bag.
+"""
 
 import argparse
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from tqdm import tqdm
 
-from neuse.errors import InputError
-from neuse_bags import folder, topics
+from neuse.errors import BagError, InputError, ParamError
+from neuse_bags import bop, folder, topics, tum
 from neuse_bags.cli import command_parser, run_command, stop_on_signal
 from neuse_bags.conversions import WORLD_FRAME, odometry_to_msg
-from neuse_bags.folder import PictureFolder, open_folder, read_tum
 from neuse_bags.frames import write_frame
-from neuse_bags.mcap_file import BagWriter
+from neuse_bags.inspection import inspect_bag
+from neuse_bags.mcap_file import BagReader, BagWriter
+from neuse_bags.pictures import FrameSource, Poses
+from neuse_bags.renamed import RenamedBag, read_names
+from neuse_bags.roles import ROLES
+from neuse_bags.scale import ScaleCheck
 
-TRAJECTORIES = (
-    ("odometry.tum", topics.ODOMETRY, "odom"),
-    ("ground_truth.tum", topics.TRUE_ODOMETRY, WORLD_FRAME),
-)
+LAYOUTS: dict[str, Callable[[Path], FrameSource]] = {
+    folder.MARK: folder.open_folder,
+    tum.MARK: tum.open_tum,
+    bop.MARK: bop.open_bop,
+}
+BAG_HELP = """ROS 2 bag: an .mcap or .db3 file, or a rosbag2 folder.
+
+--remap FROM:=TO ..., or YAML files with lines `FROM: TO`; TO is one of
+"""
 
 
 def convert(args: argparse.Namespace) -> None:
-    """The command; a folder that cannot be converted leaves no bag."""
-    pictures = open_folder(args.folder)
-    trajectories = [(spec, frame_id, read_tum(args.folder / name)) for name, spec, frame_id in TRAJECTORIES]
+    """The command; a source that cannot be converted leaves no bag."""
+    if args.source.is_file() or (args.source / "metadata.yaml").exists():
+        n_frames = _convert_bag(args.source, read_names(args.remap), args.out)
+    elif args.remap:
+        raise ParamError(f"--remap is for bags, and {args.source} is none; leave it out")
+    else:
+        n_frames = _convert_folder(open_source(args.source), args.out)
+    print(f"{args.out}: {n_frames} frames")
+
+
+def open_source(path: Path) -> FrameSource:
+    """The frames of a folder, by the layout that it has.
+
+    Raises:
+        InputError: it has none, or a file of it is missing or wrong.
+    """
+    for mark, open_layout in LAYOUTS.items():
+        if (path / mark).exists():
+            return open_layout(path)
+    marks = ", ".join(LAYOUTS)
+    raise InputError("layout", f"{path} has none of {marks}, and is no bag; see --help for what to write")
+
+
+def _convert_folder(source: FrameSource, out: Path) -> int:
+    """Write a bag of a folder; returns the number of frames."""
+    for note in source.notes:
+        print(f"convert: {note}", file=sys.stderr)
     try:
-        with BagWriter(args.out) as writer:
+        with BagWriter(out) as writer:
             topics.declare(writer, (*topics.FRAME_TOPICS, *topics.COLOR_TOPICS))
-            for spec, frame_id, poses in trajectories:
-                _write_trajectory(writer, spec, frame_id, poses)
-            _write_frames(writer, pictures)
+            _write_poses(writer, topics.ODOMETRY, "odom", source.trajectories.odometry)
+            _write_poses(writer, topics.TRUE_ODOMETRY, WORLD_FRAME, source.trajectories.ground_truth)
+            _write_frames(writer, source)
     except InputError:
-        args.out.unlink()
+        out.unlink()
         raise
-    print(f"{args.out}: {writer.counts[topics.DEPTH.name]} frames")
+    return writer.counts[topics.DEPTH.name]
 
 
-def _write_frames(writer: BagWriter, pictures: PictureFolder) -> None:
+def _write_frames(writer: BagWriter, source: FrameSource) -> None:
+    scale = ScaleCheck()
     with stop_on_signal() as stop:
-        for frame in tqdm(pictures.frames(), total=len(pictures.entries), unit="frame"):
+        for frame in tqdm(source.frames(), total=source.n_frames, unit="frame"):
             write_frame(writer, frame)
+            scale.add(frame)
             if stop.is_set():
                 raise KeyboardInterrupt
+    fault = scale.fault()
+    if fault:
+        raise InputError("unit", f"{fault}; {source.unit_hint}")
 
 
-def _write_trajectory(writer: BagWriter, spec: topics.TopicSpec, frame_id: str, poses: list) -> None:
+def _write_poses(writer: BagWriter, spec: topics.TopicSpec, frame_id: str, poses: Poses) -> None:
     """Poses as odometry; a trajectory that is not there leaves no topic."""
     if poses:
         topics.declare(writer, (spec,))
@@ -51,11 +95,47 @@ def _write_trajectory(writer: BagWriter, spec: topics.TopicSpec, frame_id: str, 
         writer.write(spec.name, odometry_to_msg(stamp_ns, T_frame_camera, frame_id), stamp_ns)
 
 
+def _convert_bag(path: Path, names: dict[str, str], out: Path) -> int:
+    """Copy what the graph knows under the graph's names; returns the number of frames."""
+    if out.exists() and out.resolve() == path.resolve():
+        raise BagError(f"{path} would be overwritten by its own copy; choose another --out")
+    with RenamedBag(path, names) as bag:
+        report = inspect_bag(bag)
+        for note in report.notes:
+            print(f"convert: {note}", file=sys.stderr)
+        if report.faults:
+            more = f" (and {len(report.faults) - 1} more)" if len(report.faults) > 1 else ""
+            raise BagError(f"{path}: {report.faults[0]}{more}")
+        with BagWriter(out) as writer:
+            _copy(bag, writer)
+    return report.n_frames
+
+
+def _copy(bag: BagReader, writer: BagWriter) -> None:
+    specs = [role.topic for role in ROLES if role.topic.name in bag.topics]
+    topics.declare(writer, tuple(specs))
+    total = sum(bag.topics[spec.name].n_messages for spec in specs)
+    with stop_on_signal() as stop:
+        for message in tqdm(bag.messages([s.name for s in specs]), total=total, unit="message"):
+            writer.write_raw(message.topic, message.data, message.stamp_ns)
+            if stop.is_set():
+                raise KeyboardInterrupt
+
+
 def parser() -> argparse.ArgumentParser:
     """Arguments of the command."""
-    made = command_parser("convert", f"{__doc__}\n\n{folder.__doc__}")
-    made.add_argument("folder", type=Path, metavar="FOLDER", help="folder with frames.json and the pictures")
+    known = "\n".join(f"  {role.topic.name:<26}{role.topic.type_name:<30}{role.meaning}" for role in ROLES)
+    layouts = (module.__doc__ or "" for module in (folder, tum, bop))
+    made = command_parser("convert", "\n\n".join([__doc__ or "", *layouts, BAG_HELP + known]))
+    made.add_argument("source", type=Path, metavar="SOURCE", help="folder or bag")
     made.add_argument("--out", type=Path, required=True, metavar="BAG", help=".mcap file to write")
+    made.add_argument(
+        "--remap",
+        nargs="+",
+        default=[],
+        metavar="FROM:=TO",
+        help="topics of a bag under the graph's names, or YAML files of them",
+    )
     return made
 
 

@@ -38,8 +38,8 @@ class BagReport:
     notes: tuple[str, ...]
 
 
-def inspect_bag(bag: BagReader, known_categories: Collection[str]) -> BagReport:
-    """Look through a bag. known_categories: those that there are weights for.
+def inspect_bag(bag: BagReader, known_categories: Collection[str] | None = None) -> BagReport:
+    """Look through a bag. known_categories: those that there are weights for; None: any.
 
     Raises:
         BagError: the bag is damaged.
@@ -52,7 +52,7 @@ def inspect_bag(bag: BagReader, known_categories: Collection[str]) -> BagReport:
         pairing = _pairing(stamps_ns, len(paired_ns))
         (faults if 2 * len(paired_ns) < len(stamps_ns[topics.DEPTH.name]) else notes).extend(pairing)
         faults += _frame_faults(bag, paired_ns)
-        unknown, nothing_known = _category_faults(categories, known_categories)
+        unknown, nothing_known = _category_faults(categories, known_categories or categories)
         (faults if nothing_known else notes).extend(unknown)
     duration_s = max(bag.end_ns - bag.start_ns, 0) / 1e9
     return BagReport(bag.path, duration_s, found, len(paired_ns), categories, tuple(faults), tuple(notes))
@@ -148,9 +148,7 @@ def _named(fault: InputError) -> str:
 def _category_faults(categories: Counter[str], known: Collection[str]) -> tuple[list[str], bool]:
     """Categories that there are no weights for, and whether none is left."""
     if not categories:
-        return [
-            f"{topics.INSTANCES.name} has no instance in any message; did the segmenter find nothing?"
-        ], True
+        return [f"{topics.INSTANCES.name} has no instance at all; did the segmenter find nothing?"], True
     unknown = sorted(categories.keys() - set(known))
     told = f"no weights for {', '.join(unknown)}; there are some for {', '.join(sorted(known))}"
     return ([told] if unknown else []), len(unknown) == len(categories)

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from real_frames import REAL_FRAMES, needs_real_frames
 
+from bags.layouts import depth, make_bop, make_tum, write_picture
 from neuse_bags.convert import main
 from neuse_bags.frames import read_frames, read_odometry, with_color
-from neuse_bags.mcap_file import BagReader
+from neuse_bags.mcap_file import BagReader, BagWriter
 
 
 def test_folder_becomes_a_bag_that_gives_the_same_frames(picture_folder, tmp_path: Path) -> None:
@@ -59,3 +60,82 @@ def test_real_frames_become_a_bag(tmp_path: Path) -> None:
         frames = with_color(bag, list(read_frames(bag, pytest.fail)))
     assert [len(frame.instances) for frame in frames] == [3, 2, 1]
     assert all(frame.color is not None for frame in frames)
+
+
+@pytest.mark.parametrize("make", [make_tum, make_bop])
+def test_layouts_of_others_are_known_by_their_files(make, tmp_path: Path) -> None:
+    assert main([str(make(tmp_path / "own")), "--out", str(tmp_path / "own.mcap")]) == 0
+    with BagReader(tmp_path / "own.mcap") as bag:
+        frames = list(read_frames(bag, pytest.fail))
+        assert "/ground_truth/odometry" in bag.topics
+    assert len(frames) == 2
+    assert {instance.category for instance in frames[0].instances} == {"mug", "bottle"}
+
+
+def last_words(capsys) -> str:
+    return capsys.readouterr().err.strip().splitlines()[-1]
+
+
+def test_folder_of_no_layout_is_refused(tmp_path: Path, capsys) -> None:
+    assert main([str(tmp_path), "--out", str(tmp_path / "own.mcap")]) == 2
+    assert "has none of frames.json, depth.txt, scene_camera.json, and is no bag" in last_words(capsys)
+
+
+@pytest.mark.parametrize(
+    ("make", "pattern", "told"),
+    [
+        (make_tum, "depth/*.png", "write the millimetres of one unit as depth_scale (now 0.2) in "),
+        (make_bop, "depth/*.png", "write the millimetres of one unit as depth_scale in "),
+    ],
+)
+def test_wrong_unit_is_told_with_the_place_to_correct_it(make, pattern, told, tmp_path: Path, capsys) -> None:
+    folder = make(tmp_path / "own")
+    for path in folder.glob(pattern):
+        write_picture(path, depth(100))
+    assert main([str(folder), "--out", str(tmp_path / "own.mcap")]) == 2
+    said = last_words(capsys)
+    assert "the unit of depth is wrong" in said
+    assert told in said
+    assert not (tmp_path / "own.mcap").exists()
+
+
+def test_bag_gets_the_names_of_the_graph(frames_bag: Path, tmp_path: Path) -> None:
+    odd, back = tmp_path / "odd.mcap", tmp_path / "back.mcap"
+    with BagReader(frames_bag) as bag, BagWriter(odd) as writer:
+        for topic in bag.topics.values():
+            writer.add_topic(f"/robot{topic.name}", topic.type_name, topic.qos)
+        for message in bag.messages():
+            writer.write_raw(f"/robot{message.topic}", message.data, message.stamp_ns)
+    table = tmp_path / "names.yaml"
+    with BagReader(frames_bag) as bag:
+        table.write_text("".join(f"/robot{name}: {name}\n" for name in bag.topics))
+        expected = list(bag.messages())
+    assert main([str(odd), "--remap", str(table), "--out", str(back)]) == 0
+    with BagReader(back) as bag:
+        assert list(bag.messages()) == expected
+
+
+def test_bag_that_the_graph_cannot_use_is_refused_and_none_is_written(
+    frames_bag: Path, tmp_path: Path, capsys
+) -> None:
+    out = tmp_path / "own.mcap"
+    names = ["/color/image:=/depth/image"]
+    assert main([str(frames_bag), "--out", str(out), "--remap", *names]) == 2
+    said = last_words(capsys)
+    assert (
+        f"{frames_bag}: /depth/image, /segmentation/mask: depth image has encoding 'rgb8'; send one" in said
+    )
+    assert not out.exists()
+
+
+def test_bag_is_not_written_over_itself(frames_bag: Path, capsys) -> None:
+    before = frames_bag.read_bytes()
+    assert main([str(frames_bag), "--out", str(frames_bag)]) == 2
+    assert "would be overwritten by its own copy" in last_words(capsys)
+    assert frames_bag.read_bytes() == before
+
+
+def test_names_for_a_folder_are_refused(tmp_path: Path, capsys) -> None:
+    arguments = [str(make_tum(tmp_path / "own")), "--out", str(tmp_path / "a.mcap"), "--remap", "/a:=/odom"]
+    assert main(arguments) == 2
+    assert "--remap is for bags" in last_words(capsys)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from neuse.errors import InputError
-from neuse_bags.folder import open_folder, read_tum
+from neuse_bags.folder import FIRST_STAMP_NS, open_folder
+from neuse_bags.trajectory_files import read_tum
 
 Folder = Callable[..., Path]
 
@@ -88,6 +89,9 @@ def test_frames_json_that_is_no_json_is_refused(tmp_path: Path) -> None:
         ({"frames": [{"instances": []}]}, "lacks 'frame'"),
         ({"frames": [{"frame": 0}]}, "lacks 'instances'"),
         ({"frames": []}, "has 0 frames"),
+        ({"frames": [{"frame": "first", "instances": []}]}, "lacks invalid literal"),
+        ({"rate_hz": 0}, "rate_hz 0 "),
+        ({"depth_scale_m": -1}, "depth_scale_m -1; all must be above zero"),
         ({"intrinsics": {"width": 32, "height": 24, "fx": 0, "fy": 1, "cx": 1, "cy": 1}}, "focal length 0"),
     ],
 )
@@ -107,7 +111,7 @@ def test_instance_without_category_is_refused(picture_folder: Folder) -> None:
 def test_trajectory_file_is_read_with_the_stamps_of_the_pictures(picture_folder: Folder) -> None:
     path = picture_folder()
     (path / "odometry.tum").write_text("# stamp x y z qx qy qz qw\n0.0 1 2 3 0 0 0 1\n1.2 1 2 4 0 0 1 0\n")
-    (first_ns, T_first), (second_ns, T_second) = read_tum(path / "odometry.tum")
+    (first_ns, T_first), (second_ns, T_second) = read_tum(path / "odometry.tum", FIRST_STAMP_NS)
     assert [first_ns, second_ns] == [frame.stamp_ns for frame in open_folder(path).frames()]
     np.testing.assert_array_equal(T_first[:3, 3], [1, 2, 3])
     np.testing.assert_allclose(T_second[:3, :3], np.diag([-1, -1, 1]), atol=1e-12)

@@ -1,0 +1,155 @@
+"""BOP: a scene folder of one of the benchmark's data sets, such as .../test/000048.
+
+scene_camera.json  for each picture cam_K and depth_scale (millimetres of one unit); cam_R_w2c and cam_t_w2c
+                   (millimetres), where they are there, become the true poses of the camera
+scene_gt.json      for each picture its objects with obj_id
+depth/000001.png   16 bit;  rgb/000001.png or .jpg may be missing
+mask_visib/000001_000000.png   visible part of the picture's first object, and so on
+categories.json    which obj_id is what: {"13": "mug", "5": "bottle"}, here or in a folder above; others are
+                   background. rate_hz (30) may stand beside: {"rate_hz": 10, "13": "mug"}
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neuse.errors import InputError
+from neuse.geometry import inverse, make_transform
+from neuse.records import Instance, Intrinsics, RgbdFrame
+from neuse_bags.folder import FIRST_STAMP_NS
+from neuse_bags.pictures import (
+    COLOR_KINDS,
+    DEPTH_KINDS,
+    MASK_KINDS,
+    FrameSource,
+    Poses,
+    Trajectories,
+    read_json,
+    read_picture,
+)
+
+MARK = "scene_camera.json"
+RATE_HZ = 30.0
+CATEGORIES_EXAMPLE = '{"13": "mug", "5": "bottle"}, the category of each obj_id that is to be mapped'
+CAMERA_EXAMPLE = '{"cam_K": [fx, 0, cx, 0, fy, cy, 0, 0, 1], "depth_scale": 1.0} for each picture'
+OBJECTS_EXAMPLE = '[{"obj_id": 13}, ...] for each picture'
+
+
+@dataclass(frozen=True)
+class BopScene:
+    """The JSON files of a scene, by the number of the picture as it stands there."""
+
+    path: Path
+    cameras: Mapping[str, Any]
+    objects: Mapping[str, Any]
+    categories: Mapping[str, str]
+    rate_hz: float
+
+    def frames(self) -> Iterator[RgbdFrame]:
+        """The frames, one by one.
+
+        Raises:
+            InputError: a picture or an entry is missing, or does not fit.
+        """
+        for key in sorted(self.cameras, key=int):
+            yield self._frame(key)
+
+    def true_poses(self) -> Poses:
+        """The poses of the camera, of the pictures that have one."""
+        poses = [self._true_pose(key) for key in sorted(self.cameras, key=int)]
+        return [pose for pose in poses if pose is not None]
+
+    def _frame(self, key: str) -> RgbdFrame:
+        name = f"{int(key):06d}"
+        depth = read_picture(self.path / "depth" / f"{name}.png", None, DEPTH_KINDS, MARK)
+        height, width = depth.shape
+        intrinsics, scale_m = _camera(self.cameras[key], key, (width, height), self.path / MARK)
+        mask, instances = self._segmentation(key, name, (width, height))
+        color = next((self.path / "rgb").glob(f"{name}.*"), None)
+        return RgbdFrame(
+            stamp_ns=self._stamp_ns(key),
+            depth_m=(depth * scale_m).astype(np.float32),
+            mask=mask,
+            instances=instances,
+            intrinsics=intrinsics,
+            color=None if color is None else read_picture(color, (width, height), COLOR_KINDS, MARK),
+        )
+
+    def _segmentation(
+        self, key: str, name: str, size: tuple[int, int]
+    ) -> tuple[np.ndarray, tuple[Instance, ...]]:
+        """Labels, one more than the object's place in scene_gt.json, and what they are."""
+        labels, instances = np.zeros(size[::-1], dtype=np.uint16), []
+        for index, obj_id in enumerate(self._object_ids(key)):
+            category = self.categories.get(obj_id)
+            if category is not None:
+                path = self.path / "mask_visib" / f"{name}_{index:06d}.png"
+                labels[read_picture(path, size, MASK_KINDS, "scene_gt.json") > 0] = index + 1
+                instances.append(Instance(index + 1, category))
+        return labels, tuple(instances)
+
+    def _object_ids(self, key: str) -> list[str]:
+        try:
+            return [str(item["obj_id"]) for item in self.objects[key]]
+        except (KeyError, TypeError) as error:
+            told = f"{self.path / 'scene_gt.json'} lacks {error} of picture {key}; write {OBJECTS_EXAMPLE}"
+            raise InputError("scene_gt", told) from error
+
+    def _true_pose(self, key: str) -> tuple[int, np.ndarray] | None:
+        camera = self.cameras[key]
+        if not camera.keys() >= {"cam_R_w2c", "cam_t_w2c"}:
+            return None
+        try:
+            R = np.array(camera["cam_R_w2c"], dtype=np.float64).reshape(3, 3)
+            T_camera_world = make_transform(R, np.array(camera["cam_t_w2c"], dtype=np.float64) * 1e-3)
+        except ValueError as error:
+            told = f"{self.path / MARK}: cam_R_w2c or cam_t_w2c of picture {key} is no pose ({error})"
+            raise InputError("scene_camera", f"{told}; write 9 and 3 numbers") from error
+        return self._stamp_ns(key), inverse(T_camera_world)
+
+    def _stamp_ns(self, key: str) -> int:
+        return FIRST_STAMP_NS + round(int(key) / self.rate_hz * 1e9)
+
+
+def open_bop(path: Path) -> FrameSource:
+    """Read the JSON files of a scene.
+
+    Raises:
+        InputError: one is missing or wrong.
+    """
+    cameras = _by_number(path / MARK, CAMERA_EXAMPLE)
+    objects = read_json(path / "scene_gt.json", OBJECTS_EXAMPLE)
+    places = [folder / "categories.json" for folder in (path, *path.resolve().parents[:2])]
+    file = next((place for place in places if place.exists()), places[0])
+    categories = read_json(file, CATEGORIES_EXAMPLE)
+    rate_hz = categories.pop("rate_hz", RATE_HZ)
+    if not categories or not isinstance(rate_hz, float | int) or not rate_hz > 0:
+        raise InputError("categories", f"{file} has no category or no rate_hz; write {CATEGORIES_EXAMPLE}")
+    scene = BopScene(path, cameras, objects, categories, rate_hz)
+    hint = f"write the millimetres of one unit as depth_scale in {path / MARK}"
+    return FrameSource(len(cameras), scene.frames, Trajectories(ground_truth=scene.true_poses()), hint)
+
+
+def _by_number(path: Path, example: str) -> dict[str, Any]:
+    """Entries of the pictures by their number."""
+    content = read_json(path, example)
+    if not content or not all(key.isdecimal() and isinstance(entry, dict) for key, entry in content.items()):
+        raise InputError(path.stem, f"{path} has no pictures by number; write {example}")
+    return content
+
+
+def _camera(entry: Any, key: str, size: tuple[int, int], path: Path) -> tuple[Intrinsics, float]:
+    """Pinhole camera of one picture, and the metres of one unit of its depth."""
+    try:
+        fx, _, cx, _, fy, cy = map(float, entry["cam_K"][:6])
+        scale_mm = float(entry["depth_scale"])
+    except (KeyError, TypeError, ValueError) as error:
+        told = f"{path} lacks {error} of picture {key}; write {CAMERA_EXAMPLE}"
+        raise InputError("scene_camera", told) from error
+    if not (fx > 0 and fy > 0 and scale_mm > 0):
+        told = f"{path} has focal length {fx:g}, {fy:g} and depth_scale {scale_mm:g} in picture {key}"
+        raise InputError("scene_camera", f"{told}; all must be above zero")
+    return Intrinsics(*size, fx, fy, cx, cy), scale_mm * 1e-3

@@ -1,0 +1,111 @@
+"""Pictures and JSON files of people's own folders, checked; every fault names the file and what to write."""
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from neuse.errors import InputError
+from neuse.geometry import Array
+from neuse.records import Intrinsics, RgbdFrame
+
+DEPTH_KINDS = (np.uint16,)
+MASK_KINDS = (np.uint8, np.uint16)
+COLOR_KINDS = (np.uint8,)
+Poses = list[tuple[int, Array]]
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """Poses of the camera by stamp_ns, T_frame_camera, each in a frame of its own; empty where unknown."""
+
+    odometry: Poses = field(default_factory=list)
+    ground_truth: Poses = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class FrameSource:
+    """Somebody's recording, whatever its layout.
+
+    frames: makes the frames one by one; raises InputError where one cannot be made.
+    unit_hint: where the unit of depth is written.    notes: what was left out, for people.
+    """
+
+    n_frames: int
+    frames: Callable[[], Iterator[RgbdFrame]]
+    trajectories: Trajectories
+    unit_hint: str
+    notes: tuple[str, ...] = ()
+
+
+def read_picture(
+    path: Path, size: tuple[int, int] | None, kinds: tuple[type, ...], asked_by: str
+) -> np.ndarray:
+    """(h, w) pixels of one channel, or (h, w, 3) uint8 RGB for COLOR_KINDS.
+
+    size: (width, height) that is expected, None for any.    asked_by: the file that names the picture.
+    Raises:
+        InputError: missing, unreadable, or of another size or kind.
+    """
+    if not path.exists():
+        raise InputError("missing_picture", f"{path} does not exist; {asked_by} asks for it")
+    colored = kinds is COLOR_KINDS
+    pixels = cv2.imread(str(path), cv2.IMREAD_COLOR if colored else cv2.IMREAD_UNCHANGED)
+    if pixels is None:
+        raise InputError("unreadable_picture", f"{path} is not a readable picture")
+    height, width = pixels.shape[:2] if size is None else size[::-1]
+    if pixels.shape != (height, width) + ((3,) if colored else ()) or pixels.dtype not in kinds:
+        wanted = " or ".join(str(np.dtype(kind).itemsize * 8) for kind in kinds)
+        raise InputError(
+            "unequal_size",
+            f"{path} is {_description(pixels)}; {asked_by} wants {width} x {height} pixels, "
+            f"{3 if colored else 1} channel(s) of {wanted} bit",
+        )
+    return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB) if colored else pixels
+
+
+def read_json(path: Path, example: str) -> dict[str, Any]:
+    """The object in a JSON file.
+
+    Raises:
+        InputError: missing, no JSON, or no object; the message shows the example.
+    """
+    try:
+        content = json.loads(path.read_text())
+    except OSError as error:
+        told = f"{path} cannot be read ({error.strerror}); write {example}"
+        raise InputError(path.stem, told) from error
+    except ValueError as error:  # of JSON, or of its encoding
+        raise InputError(path.stem, f"{path} is no JSON: {error}") from error
+    if not isinstance(content, dict):
+        raise InputError(path.stem, f"{path} holds a {type(content).__name__}; write {example}")
+    return content
+
+
+def intrinsics_from(values: Any, path: Path) -> Intrinsics:
+    """Pinhole camera from an object with width, height, fx, fy, cx, cy.
+
+    Raises:
+        InputError: an entry is missing or not positive.
+    """
+    try:
+        width, height = int(values["width"]), int(values["height"])
+        fx, fy, cx, cy = (float(values[name]) for name in ("fx", "fy", "cx", "cy"))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            path.stem, f"{path} lacks {error}; write width, height, fx, fy, cx, cy in pixels"
+        ) from error
+    if not (min(width, height, fx, fy) > 0 and np.isfinite([fx, fy, cx, cy]).all()):
+        told = f"{path} has focal length {fx:g}, {fy:g} and size {width} x {height}"
+        raise InputError(path.stem, f"{told}; write those of the calibrated camera in pixels")
+    return Intrinsics(width, height, fx, fy, cx, cy)
+
+
+def _description(pixels: np.ndarray) -> str:
+    channels = pixels.shape[2] if pixels.ndim == 3 else 1
+    bits = pixels.dtype.itemsize * 8
+    return f"{pixels.shape[1]} x {pixels.shape[0]} pixels, {channels} channel(s) of {bits} bit"

@@ -1,0 +1,58 @@
+"""Trajectory files of the TUM kind, and stamps that are written in seconds."""
+
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+import numpy as np
+
+from neuse.errors import InputError
+from neuse.geometry import transform_from_quaternion
+from neuse_bags.pictures import Poses
+
+
+def read_tum(path: Path, first_ns: int = 0) -> Poses:
+    """(stamp_ns, T_frame_camera) of a file with lines `stamp_s x y z qx qy qz qw`; empty where there is none.
+
+    first_ns: stamp of the second zero.
+    Raises:
+        InputError: a line does not have eight numbers, or no quaternion.
+    """
+    if not path.exists():
+        return []
+    return [_pose(line, path, first_ns) for line in read_lines(path)]
+
+
+def read_lines(path: Path) -> list[list[str]]:
+    """Words of each line, without comments and empty lines.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    try:
+        lines = path.read_text().splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError("unreadable_file", f"{path} cannot be read: {error}") from error
+    return [words for line in lines if (words := line.split("#")[0].split())]
+
+
+def seconds_to_ns(text: str, path: Path) -> int:
+    """A stamp in seconds, digit by digit.
+
+    Raises:
+        InputError: it is no time.
+    """
+    try:
+        return int(Decimal(text) * 10**9)
+    except (InvalidOperation, ValueError, OverflowError) as error:
+        raise InputError("tum", f"{path}: {text!r} is no stamp in seconds") from error
+
+
+def _pose(words: list[str], path: Path, first_ns: int) -> tuple[int, np.ndarray]:
+    try:
+        x, y, z, *q_xyzw = map(float, words[1:8])
+        if len(words) < 8 or not np.isfinite([x, y, z, *q_xyzw]).all():
+            raise ValueError(" ".join(words))
+        T_frame_camera = transform_from_quaternion(q_xyzw, [x, y, z])
+    except ValueError as error:
+        raise InputError("tum", f"{path} is not `stamp_s x y z qx qy qz qw` a line: {error}") from error
+    return first_ns + seconds_to_ns(words[0], path), T_frame_camera
