@@ -1,43 +1,147 @@
-"""How fast is each stage: the in-process pipeline on simulated frames, on this machine.
+"""How fast is everything on this machine, and how it grows; the figures beside their bars.
 
-python -m neuse.evaluation.bench --out DIR [--preset tabletop] [--frames 150]
+    python -m neuse.evaluation.bench --out DIR [--preset tabletop] [--frames 120] [--minutes 10]
+
+Writes DIR/bench.json and DIR/growth.png. Times are by the wall; `cpu` is what all threads worked together,
+which says more on a busy machine.
 """
 
 import argparse
 import json
-from collections import defaultdict
+import os
+import platform
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import numpy as np
+import torch
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
-from neuse.pipeline import Pipeline
-from neuse.simulation.worlds import make_world, simulate
+from neuse.evaluation.growth import association_times, optimisation_times
+from neuse.evaluation.stage_times import Run, alignment_times, decoding_times, encoder_times, pipeline_run
+from neuse.evaluation.timing import Times
 
-WARM_UP_FRAMES = 10
-
-
-def stage_times(preset: str, frames: int) -> dict[str, list[float]]:
-    """Milliseconds of each stage, frame by frame, without the first frames, which allocate."""
-    pipeline, times_ms = Pipeline(), defaultdict[str, list[float]](list)
-    world = make_world(preset, seed=0)
-    for index, simulated in enumerate(simulate(world, stop=min(frames, world.frames))):
-        result = pipeline.step(simulated.frame, simulated.odometry)
-        if index >= WARM_UP_FRAMES:
-            for stage, milliseconds in result.stage_ms.items():
-                times_ms[stage].append(milliseconds)
-    return dict(times_ms)
+SIZES = (10, 100, 1_000, 10_000)
+Figures = dict[str, Any]
 
 
-def summary(times_ms: dict[str, list[float]]) -> dict[str, dict[str, float]]:
-    """Mean, median and 95th percentile by stage, milliseconds."""
+@dataclass(frozen=True)
+class Line:
+    """A line of the printed table: how to read its figure, its bar, and what the paper has (RTX 2070)."""
+
+    name: str
+    value: Callable[[Figures], float | None]
+    bar: str
+    within: Callable[[float], bool]
+    paper: str = "-"
+
+
+def _stage(name: str, key: str = "median_ms") -> Callable[[Figures], float | None]:
+    return lambda figures: figures["stages"][name][key]
+
+
+def _grown(name: str, size: int, key: str) -> Callable[[Figures], float | None]:
+    def value(figures: Figures) -> float | None:
+        row = figures["growth"][name].get(str(size))
+        return row and row[key]
+
+    return value
+
+
+LINES = (
+    Line("encoder, an object (ms)", _stage("encoder"), "<= 6", lambda ms: ms <= 6, "6"),
+    Line("alignment, 5 objects (ms)", _stage("alignment"), "<= 0.2", lambda ms: ms <= 0.2, "1"),
+    Line("decoding 20 000 points (ms)", _stage("decoding"), "<= 30", lambda ms: ms <= 30, "30"),
+    Line("front end (fps)", lambda f: f["run"]["front_end_fps"], ">= 28", lambda fps: fps >= 28, "28"),
+    Line("whole pipeline (fps)", lambda f: f["run"]["system_fps"], ">= 25", lambda fps: fps >= 25, "11"),
+    Line(
+        "association, 10 000 objects (ms)",
+        _grown("association", 10_000, "median_ms"),
+        "<= 2",
+        lambda ms: ms <= 2,
+    ),
+    Line(
+        "optimisation, 10 000 keyframes, mean (ms)",
+        _grown("optimisation", 10_000, "mean_ms"),
+        "<= 25",
+        lambda ms: ms <= 25,
+    ),
+    Line(
+        "the same, worst (ms)",
+        _grown("optimisation", 10_000, "worst_ms"),
+        "<= 250",
+        lambda ms: ms <= 250,
+    ),
+)
+
+
+def measure(preset: str, frames: int, sizes: Sequence[int], budget_s: float) -> Figures:
+    """All figures, ready for JSON."""
+    run = pipeline_run(preset, frames)
+    stages = {"encoder": encoder_times(), "alignment": alignment_times(), "decoding": decoding_times()}
+    optimisation = optimisation_times(max(sizes), budget_s)
+    at = {size: optimisation.at(size) for size in sizes}
     return {
-        stage: {
-            "mean": float(np.mean(values)),
-            "median": float(np.median(values)),
-            "p95": float(np.percentile(values, 95)),
-        }
-        for stage, values in times_ms.items()
+        "machine": {
+            "processor": platform.processor() or platform.machine(),
+            "cores": len(os.sched_getaffinity(0)),
+            "torch_threads": torch.get_num_threads(),
+            "load_1min": os.getloadavg()[0],
+        },
+        "stages": {name: times.summary() for name, times in stages.items()},
+        "run": _run_figures(run, preset),
+        "growth": {
+            "association": {str(size): association_times(size).summary() for size in sizes},
+            "optimisation": {str(size): row for size, row in at.items() if row},
+            "keyframes": len(optimisation.times.wall_ms),
+            "loop_closures": optimisation.loop_closures,
+            "final_error_m": optimisation.error_m,
+        },
     }
+
+
+def _run_figures(run: Run, preset: str) -> Figures:
+    with_keyframes, alone = run.map_bytes
+    return {
+        "world": preset,
+        "frames": len(run.system.wall_ms),
+        "objects_per_frame": run.objects_per_frame,
+        "front_end_fps": run.front_end_fps,
+        "system_fps": run.system_fps,
+        "system": run.system.summary(),
+        "stage_ms": {stage: Times(values, values).summary() for stage, values in run.stage_ms.items()},
+        "map_bytes_per_object": {"file": with_keyframes, "object_alone": alone},
+        "peak_memory_mb": run.peak_memory_mb,
+    }
+
+
+def table(figures: Figures) -> str:
+    """The figures that have a bar, as Markdown."""
+    rows = [("", "here", "bar", "", "paper")]
+    for line in LINES:
+        value = line.value(figures)
+        verdict = "" if value is None else "yes" if line.within(value) else "no"
+        rows.append((line.name, "-" if value is None else f"{value:.3g}", line.bar, verdict, line.paper))
+    rows.insert(1, ("---",) * 5)
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+
+
+def growth_figure(growth: Mapping[str, Any]) -> Figure:
+    """Milliseconds a frame over the number of objects and of keyframes, on logarithmic axes."""
+    figure = Figure(figsize=(9, 3.8), layout="constrained")
+    FigureCanvasAgg(figure)
+    bars = {"association": (2.0, "known objects"), "optimisation": (25.0, "keyframes")}
+    for axes, (name, (bar_ms, label)) in zip(figure.subplots(1, 2), bars.items(), strict=True):
+        rows = growth[name]
+        sizes = [int(size) for size in rows]
+        for key, style in (("mean_ms", "o-"), ("cpu_mean_ms", "o--"), ("worst_ms", "v:")):
+            axes.plot(sizes, [row[key] for row in rows.values()], style, label=key.replace("_", " "))
+        axes.axhline(bar_ms, color="tab:red", linewidth=0.8, label="bar of the mean")
+        axes.set(title=f"{name}, ms a frame", xlabel=label, xscale="log", yscale="log")
+        axes.legend(fontsize=8)
+    return figure
 
 
 def main() -> None:
@@ -45,16 +149,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--out", type=Path, required=True, help="folder for bench.json")
-    parser.add_argument("--preset", default="tabletop", help="world (tabletop)")
-    parser.add_argument("--frames", type=int, default=150, help="how many frames (150)")
+    parser.add_argument("--out", type=Path, required=True, help="folder for bench.json and growth.png")
+    parser.add_argument("--preset", default="tabletop", help="world of the pipeline's run (tabletop)")
+    parser.add_argument("--frames", type=int, default=120, help="how many of its frames (120)")
+    parser.add_argument("--sizes", default=",".join(map(str, SIZES)), help="objects and keyframes to grow to")
+    parser.add_argument("--minutes", type=float, default=10.0, help="at most so long for the keyframes (10)")
     args = parser.parse_args()
-    figures = summary(stage_times(args.preset, args.frames))
+    sizes = [int(size) for size in args.sizes.split(",")]
+    figures = measure(args.preset, args.frames, sizes, 60.0 * args.minutes)
     args.out.mkdir(parents=True, exist_ok=True)
     (args.out / "bench.json").write_text(json.dumps(figures, indent=2) + "\n")
-    print(f"{'stage (ms)':<20}{'mean':>9}{'median':>9}{'p95':>9}")
-    for stage, row in figures.items():
-        print(f"{stage:<20}{row['mean']:>9.2f}{row['median']:>9.2f}{row['p95']:>9.2f}")
+    growth_figure(figures["growth"]).savefig(args.out / "growth.png", dpi=110)
+    print(table(figures))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,45 @@
+"""The bench's table and figure, and that its runs measure what they say."""
+
+import pytest
+
+from neuse.evaluation.bench import growth_figure, table
+from neuse.evaluation.stage_times import WARM_UP, pipeline_run
+
+ROW = {"median_ms": 1.5, "mean_ms": 30.0, "worst_ms": 100.0, "cpu_mean_ms": 20.0}
+
+
+@pytest.fixture
+def figures():
+    return {
+        "stages": {name: dict(ROW) for name in ("encoder", "alignment", "decoding")},
+        "run": {"front_end_fps": 30.0, "system_fps": 20.0},
+        "growth": {"association": {"10": ROW, "10000": ROW}, "optimisation": {"10": ROW}},
+    }
+
+
+def test_table_tells_which_bars_are_kept(figures):
+    lines = {line.split(" | ")[0].strip("| "): line for line in table(figures).splitlines()}
+    assert "| 1.5 | <= 6 | yes | 6 |" in lines["encoder, an object (ms)"]
+    assert "| no |" in lines["alignment, 5 objects (ms)"]
+    assert "| 20 | >= 25 | no |" in lines["whole pipeline (fps)"]
+
+
+def test_what_was_not_reached_has_no_verdict(figures):
+    line = next(line for line in table(figures).splitlines() if "10 000 keyframes" in line)
+    assert "| - | <= 25 |  |" in line
+
+
+def test_growth_is_drawn_over_the_sizes(figures):
+    association, optimisation = growth_figure(figures["growth"]).axes
+    assert list(association.lines[0].get_xdata()) == [10, 10000]
+    assert list(optimisation.lines[0].get_ydata()) == [30.0]
+
+
+def test_run_of_the_pipeline_has_all_stages():
+    run = pipeline_run("tabletop", WARM_UP + 3)
+    assert len(run.system.wall_ms) == len(run.front_end_ms) == 3
+    assert {"encode", "associate", "slam", "map"} <= set(run.stage_ms)
+    assert run.objects_per_frame > 0
+    assert run.map_bytes[0] > run.map_bytes[1] > 1000
+    assert 0 < run.system_fps <= run.front_end_fps
+    assert run.peak_memory_mb > 100
