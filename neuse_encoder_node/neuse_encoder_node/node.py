@@ -12,6 +12,7 @@ from neuse.embedding.observe import Observer, ObserverParams
 from neuse.params import param
 from neuse.records import ObservedFrame
 from neuse_encoder_node.conversions import frame_from_msgs, observed_frame_to_msg, stamp_from_msg
+from neuse_encoder_node.detections import Detection2DArray, category_names, instances_from_detections
 from neuse_encoder_node.qos import reliable, sensor
 from neuse_encoder_node.run import run
 from neuse_encoder_node.stage_node import StageNode, StageParams
@@ -20,10 +21,12 @@ from neuse_encoder_node.weights import MEANING, SHIPPED, load_embeddings
 from neuse_msgs.msg import InstanceArray, ObjectObservationArray
 
 NAME = "encoder_node"
+INSTANCES = "segmentation/instances"
+DETECTIONS = "segmentation/detections"
 INPUTS = {
     "depth/image": Image,
     "segmentation/mask": Image,
-    "segmentation/instances": InstanceArray,
+    INSTANCES: InstanceArray,
     "depth/camera_info": CameraInfo,
 }
 
@@ -39,11 +42,21 @@ class EncoderNodeParams(StageParams):
     join_size: int = param(20, "stamps that may wait for the rest of their messages", 1, 10000)
     output_depth: int = param(50, "depth of the reliable output queue", 1, 10000)
     weights: tuple[str, ...] = param(SHIPPED, MEANING)
+    detection_classes: tuple[str, ...] = param(
+        ("cup=mug",), "name=category for classes of vision_msgs detections that are called otherwise here"
+    )
     encoder: ObserverParams = field(default_factory=ObserverParams)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        category_names(self.detection_classes)
 
 
 class EncoderNode(StageNode):
-    """Joins depth, mask, instances and camera info of equal stamps, and publishes the objects' codes."""
+    """Joins depth, mask, instances and camera info of equal stamps, and publishes the objects' codes.
+
+    Where vision_msgs is installed, detections of that package are taken as instances.
+    """
 
     def __init__(self) -> None:
         super().__init__(NAME, EncoderNodeParams())
@@ -57,6 +70,9 @@ class EncoderNode(StageNode):
         quality = reliable if params.input_reliable else sensor
         for topic, message_type in INPUTS.items():
             self.listen(message_type, topic, partial(self._receive, topic), quality(params.input_depth))
+        self._categories = category_names(params.detection_classes)
+        if Detection2DArray is not None:
+            self.listen(Detection2DArray, DETECTIONS, self._receive_detections, quality(params.input_depth))
 
     def forget(self) -> None:
         """Frames are encoded one by one: there is nothing to forget."""
@@ -74,6 +90,9 @@ class EncoderNode(StageNode):
         self.health.tally("objects", len(observed.observations))
         for rejection in observed.rejections:
             self.refuse(rejection.reason, f"{rejection.detail} (stamp {stamp_ns} ns)")
+
+    def _receive_detections(self, message: Any) -> None:
+        self._receive(INSTANCES, instances_from_detections(message, self._categories))
 
     def _receive(self, topic: str, message: Any) -> None:
         stamp_ns = stamp_from_msg(message.header.stamp)
