@@ -9,6 +9,9 @@ from contextlib import contextmanager
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
+TOLD = ("frames", "objects", "edges")
+DROPPED = "dropped_frame"  # the reason of what came faster than it could be worked on
+
 
 class Health:
     """Thread-safe account of one node. Times are wall clock; they never influence results."""
@@ -28,6 +31,11 @@ class Health:
         """Count what went well; `frames` gives the rate."""
         with self._lock:
             self._tallies[name] += amount
+
+    def state(self, name: str, value: int) -> None:
+        """Say how many of something there are now."""
+        with self._lock:
+            self._tallies[name] = value
 
     def refuse(self, reason: str, amount: int = 1) -> None:
         """Count input that was not used, by the `reason` of the library's errors."""
@@ -63,6 +71,14 @@ class Health:
         status.level, status.message = self._verdict(recent)
         status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
         return DiagnosticArray(header=header, status=[status])
+
+    def summary(self) -> str:
+        """One line since the start: what was counted, what was dropped and what else was refused."""
+        with self._lock:
+            counts, dropped = {**dict.fromkeys(TOLD, 0), **self._tallies}, self._refused[DROPPED]
+            others = self._refused.total() - dropped
+        counted = [f"{count} {name.replace('_', ' ')}" for name, count in counts.items()]
+        return ", ".join([*counted, f"{dropped} dropped", f"{others} refused"])
 
     def _values(self) -> dict[str, str]:
         elapsed_s = max(time.perf_counter() - self._reported_at_s, 1e-9)

@@ -20,13 +20,14 @@ from std_msgs.msg import Header
 
 from neuse.errors import InputError, NeuseError
 from neuse.params import CheckedParams, param
-from neuse_encoder_node.health import Health
+from neuse_encoder_node.health import DROPPED, Health
 from neuse_encoder_node.parameters import declare_parameters, read_parameters
 from neuse_encoder_node.stamps import StampOrder, Succession
 from neuse_encoder_node.worker import Worker
 
 RCLError = rclpy_implementation.RCLError
 LOG_PERIOD_S = 5.0
+SUMMARY_PERIOD_S = 10.0
 FLUSH = Duration(seconds=1)
 
 
@@ -72,7 +73,9 @@ class StageNode(LifecycleNode):
         declare_parameters(self, defaults)
         self.add_on_set_parameters_callback(self._check_parameters)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self.create_timer(1.0, self.report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0, self.report, clock=steady)
+        self.create_timer(SUMMARY_PERIOD_S, self._say_summary, clock=steady)
 
     def build(self, params: Any) -> None:
         """Build the stage and its connections."""
@@ -135,6 +138,10 @@ class StageNode(LifecycleNode):
         """Publish the node's diagnostics."""
         header = Header(stamp=self.get_clock().now().to_msg())
         self._diagnostics.publish(self.health.report(self.get_fully_qualified_name().lstrip("/"), header))
+
+    def _say_summary(self) -> None:
+        if self._active:
+            self.get_logger().info(self.health.summary())
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         try:
@@ -224,7 +231,7 @@ class StageNode(LifecycleNode):
 
     def _dropped(self, entry: tuple[int, Any]) -> None:
         self.refuse(
-            "dropped_frame",
+            DROPPED,
             f"frame {entry[0]} ns came faster than it can be worked on; slow down or widen queue_size",
         )
 

@@ -94,6 +94,7 @@ class MapperNode(StageNode):
         keyframes = () if estimates is None else keyframes_from_msg(estimates)
         with self.health.timed("map"):
             changes = self._mapper.step(frame, keyframes)
+        self.health.tally("edges", len(frame.edges))
         self._publish_changes(changes)
         self._publish_due(stamp_ns)
 
@@ -144,7 +145,9 @@ class MapperNode(StageNode):
             self._draw()
 
     def _publish_map(self) -> None:
-        self._map.publish(conversions.object_map_to_msg(self._mapper.object_map, self._params.map_frame))
+        object_map = self._mapper.object_map
+        self.health.state("objects", len(object_map.objects))
+        self._map.publish(conversions.object_map_to_msg(object_map, self._params.map_frame))
 
     def _draw(self) -> None:
         object_map, map_frame = self._mapper.object_map, self._params.map_frame

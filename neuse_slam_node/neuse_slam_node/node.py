@@ -106,6 +106,8 @@ class SlamNode(StageNode):
             frame = self._slam.step(observed, odometry)
         for stage, milliseconds in self._slam.stopwatch.stage_ms.items():
             self.health.add_time(stage, milliseconds / 1e3)
+        self.health.tally("objects", len(frame.observations))
+        self.health.tally("edges", len(frame.edges))
         self._count_faults(stamp_ns)
         self._publish(frame)
         if odometry is not None:

@@ -1,6 +1,7 @@
 """encoder_node as a process of its own: good frames, and every bad one between good ones."""
 
 import itertools
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -279,6 +280,11 @@ def test_diagnostics_give_rate_and_times(camera: Camera):
     assert float(camera.peer.diagnostics["stage_ms/encode"]) > 0
     assert float(camera.peer.diagnostics["stage_ms/encode_per_object"]) > 0
     assert "fps" in camera.peer.diagnostics
+
+
+def test_it_says_every_ten_seconds_how_it_goes(camera: Camera, encoder):
+    said = r"\d+ frames, \d+ objects, 0 edges, \d+ dropped, \d+ refused"
+    camera.peer.wait_for(lambda: re.search(said, encoder.output), "summary in the log")
 
 
 def test_ctrl_c_ends_it_well(camera: Camera, encoder):

@@ -44,3 +44,16 @@ def test_time_of_a_block_counts_even_if_it_fails():
     with pytest.raises(KeyError), health.timed("step"):
         raise KeyError
     assert "stage_ms/step" in values(health.report("node", Header()))
+
+
+def test_summary_tells_counts_drops_and_refusals_in_one_line():
+    health = Health()
+    assert health.summary() == "0 frames, 0 objects, 0 edges, 0 dropped, 0 refused"
+    health.tally("frames", 120)
+    health.state("objects", 7)
+    health.state("objects", 6)
+    health.tally("external_edges", 3)
+    health.refuse("dropped_frame", 2)
+    health.refuse("empty_mask", 5)
+    said = health.summary()
+    assert said == "120 frames, 6 objects, 0 edges, 3 external edges, 2 dropped, 5 refused"
