@@ -1,6 +1,6 @@
 from setuptools import setup
 
-COMMANDS = ("simulate", "convert", "info", "play", "record", "run", "evaluate", "demo")
+COMMANDS = ("simulate", "convert", "info", "play", "record", "run", "evaluate", "view", "demo")
 
 setup(
     name="neuse_bags",
