@@ -79,7 +79,7 @@ def _player() -> Node:
 
 
 def _rviz() -> Node:
-    config = str(Path(get_package_share_directory("neuse_slam_node"), "rviz", "neuse.rviz"))
+    config = str(Path(get_package_share_directory("neuse_mapper_node"), "config", "neuse.rviz"))
     return Node(
         package="rviz2",
         executable="rviz2",

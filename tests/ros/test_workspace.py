@@ -10,9 +10,10 @@ from ament_index_python.packages import get_package_prefix, get_package_share_di
 pytestmark = pytest.mark.ros
 
 ROOT = Path(__file__).resolve().parents[2]
+COMMANDS = ("simulate", "convert", "info", "play", "record", "run", "evaluate", "view", "demo")
 EXECUTABLES = [
     *(("neuse_" + name, name) for name in ("encoder_node", "slam_node", "mapper_node")),
-    *(("neuse_bags", name) for name in ("simulate", "convert", "play", "record", "run", "evaluate")),
+    *(("neuse_bags", name) for name in COMMANDS),
 ]
 
 
@@ -27,10 +28,16 @@ def test_parameter_file_is_installed(name: str):
     assert Path(get_package_share_directory(f"neuse_{name}"), "config", f"{name}.yaml").is_file()
 
 
-def test_launch_file_and_view_are_installed():
-    share = Path(get_package_share_directory("neuse_slam_node"))
-    assert (share / "launch" / "neuse.launch.py").is_file()
-    assert (share / "rviz" / "neuse.rviz").is_file()
+@pytest.mark.parametrize(
+    ("package", "file"),
+    [
+        ("neuse_slam_node", "launch/neuse.launch.py"),
+        ("neuse_mapper_node", "config/neuse.rviz"),
+        ("neuse_mapper_node", "config/neuse_foxglove.json"),
+    ],
+)
+def test_launch_file_and_views_are_installed(package: str, file: str):
+    assert Path(get_package_share_directory(package), file).is_file()
 
 
 def run_script(*arguments: str, **environment: str) -> subprocess.CompletedProcess:
