@@ -5,7 +5,7 @@ tested comes from the very pair (see nearest.py). Here all objects of a frame vo
 observation and track that agree in shape and lie within the place gate are vertices of a graph, edges join
 pairs with equal mutual distance and direction, and the heaviest clique is the answer. The gate opens with the
 drift since an object was seen; the wider it is, the more objects must agree. Without any prior pose, three
-must.
+must, and more where drift cannot explain how far that moves the camera.
 """
 
 from collections.abc import Sequence
@@ -55,6 +55,9 @@ class AssociationParams(CheckedParams):
         0.35, "two angles between axes are equal within this, rad", 0.01, 3.15
     )
     max_rms_m: float = param(0.015, "residual of a match without prior pose, metres", 0.001, 1.0)
+    certain_objects: int = param(
+        5, "so many objects that agree without prior pose are believed, however far they move it", 3, 1000
+    )
     max_candidates: int = param(
         20, "most similar tracks considered per observation without prior pose", 1, 1000
     )
@@ -85,7 +88,7 @@ def associate(
     alike = alike_in_place(view.codes, tracks, params.max_unlikeness)
     pairs = _tracked_pairs(view, places, shapes, alike, drift, prediction.T_map_camera, params)
     matches = _heaviest_tracked(view, places, pairs, drift, prediction.T_map_camera, params)
-    free = [i for i in range(len(view)) if i not in matches]
+    free = [i for i in range(len(view)) if i not in matches or not tracks[matches[i]].confirmed]
     found, T_map_camera = _relocalize(view, tracks, places, shapes, free, matches, params)
     if T_map_camera is not None and _is_plausible(
         T_map_camera, prediction.T_map_camera, drift, found, params
@@ -207,7 +210,9 @@ def _verified_pose(
 def _is_plausible(
     T_map_camera: Array, T_predicted: Array, drift: Array, found: dict[int, int], params: AssociationParams
 ) -> bool:
-    """Whether drift can explain the correction."""
+    """Whether drift can explain the correction, or more objects than chance could lay out ask for it."""
+    if len(found) >= params.certain_objects:
+        return True
     correction = inverse(T_predicted) @ T_map_camera
     turn_rad, shift_m = GATE_SIGMAS * np.sqrt(drift[list(found.values())].max(axis=0))
     return bool(

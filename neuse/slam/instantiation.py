@@ -43,9 +43,8 @@ class InstantiationParams(CheckedParams):
 
 
 def is_trackable(observation: Observation, params: InstantiationParams) -> bool:
-    """Whether an unknown object is followed from now on, be it too far and small for the map."""
-    known_well = float(np.max(observation.code.sigmas[3:])) <= params.trackable_sigma_m
-    return known_well and (params.allow_border or not observation.touches_border)
+    """Whether an unknown object is followed from now on, be it too far, small or cut for the map."""
+    return float(np.max(observation.code.sigmas[3:])) <= params.trackable_sigma_m
 
 
 def is_eligible(observation: Observation, params: InstantiationParams) -> bool:

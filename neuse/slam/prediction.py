@@ -4,10 +4,12 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from neuse.geometry import Array, inverse, renormalized
 from neuse.records import Edge, EdgeKind, OdometrySample
 from neuse.slam.keyframes import KeyframeRecord
-from neuse.slam.localization import Belief
+from neuse.slam.localization import Belief, localize
 from neuse.slam.odometry import NANOSECONDS, Motion, OdometryFix, OdometryParams, OdometryTracker
 
 
@@ -48,17 +50,45 @@ class Predictor:
     def edge(
         self, last: KeyframeRecord | None, new: KeyframeRecord, ties: Sequence[Edge]
     ) -> tuple[list[Edge], list[Edge]]:
-        """Odometry edges between two keyframes, and the weak guess where nothing else ties them."""
-        if last is None or (ties and self.params.use == "blind"):
+        """Odometry edges between two keyframes, and the weak guess where nothing else ties them.
+
+        Where odometry is for blind pairs alone, a pair whose objects tell less than odometry is blind too;
+        what they tell, such as a lone bottle its place, goes into the edge.
+        """
+        if last is None:
             return [], []
         motion = self._odometry.motion(last.fix, new.fix)
-        if motion is not None:
+        if motion is not None and self.params.use == "always":
             return [_edge(last, new, motion)], []
+        if motion is not None and not _tell_more(ties, motion):
+            return [_edge(last, new, _sharpened(motion, last, new))], []
         if ties:
             return [], []
         return [], [
             _edge(last, new, self._odometry.free_motion((new.stamp_ns - last.stamp_ns) * NANOSECONDS))
         ]
+
+
+def _sharpened(motion: Motion, last: KeyframeRecord, new: KeyframeRecord) -> Motion:
+    """The motion that odometry and the objects that both keyframes see make most probable."""
+    _, before, now = np.intersect1d(last.keys, new.keys, return_indices=True)
+    if not len(before):
+        return motion
+    seen, places = new.frames[now], last.frames[before]
+    seen = replace(seen, variances=seen.variances + places.variances)
+    belief = localize(seen, places.vectors, Belief(motion.T_from_to, motion.covariance))
+    return Motion(belief.T_map_camera, belief.covariance)
+
+
+def _tell_more(ties: Sequence[Edge], motion: Motion) -> bool:
+    """Whether one of the ties knows its translation better than odometry knows this motion."""
+    best = min((_worst_variance(tie.covariance) for tie in ties), default=np.inf)
+    return bool(best <= _worst_variance(motion.covariance))
+
+
+def _worst_variance(covariance: Array) -> float:
+    """Largest variance of the translation, m^2."""
+    return float(np.linalg.eigvalsh(covariance[3:, 3:])[-1])
 
 
 def _edge(last: KeyframeRecord, new: KeyframeRecord, motion: Motion) -> Edge:

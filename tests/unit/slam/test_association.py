@@ -134,9 +134,26 @@ def test_lost_camera_that_sees_two_objects_stays_lost(scene):
 
 
 def test_correction_that_drift_cannot_explain_is_refused(scene):
-    view = view_of(scene.things, exp([0, 0, 0, 8.0, 0, 0]))
+    view = view_of(scene.things[:4], exp([0, 0, 0, 8.0, 0, 0]))
     assert set(associated(scene, view).tracks) == {None}
     assert set(associated(scene, view, drift_m=4.0).tracks) != {None}
+
+
+def test_correction_that_five_objects_agree_on_needs_no_explanation(scene):
+    found = associated(scene, view_of(scene.things, exp([0, 0, 0, 8.0, 0, 0])))
+    assert scene.names(found.tracks) == [0, 1, 2, 3, 4]
+
+
+def test_known_layout_is_found_although_its_objects_pass_as_new_ones(scene):
+    """Drift had them followed as tentative objects since they came into view, too far to be matched."""
+    T_map_camera = exp([0, 0, 0, 0.6, 0, 0])
+    view = view_of(scene.things, T_map_camera)
+    for i, code in enumerate(view.codes):
+        last = LastSighting(view.frames[[i]], view.partial_centers[i], np.eye(4))
+        scene.library.add(code, view.frames.vectors[:, i], last, np.zeros(2), 0)
+    found = associated(scene, view, drift_m=0.01)
+    assert scene.names(found.tracks) == [0, 1, 2, 3, 4]
+    np.testing.assert_allclose(log(inverse(found.T_map_camera) @ T_map_camera), 0.0, atol=1e-6)
 
 
 def test_two_tables_with_one_layout_do_not_relocalise(scene):

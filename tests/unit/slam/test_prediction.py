@@ -1,6 +1,7 @@
 """Prediction of the camera's pose, and odometry edges."""
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,10 @@ from neuse.slam.object_frames import reduce_codes
 from neuse.slam.odometry import OdometryParams
 from neuse.slam.prediction import Predictor
 
+from .synthetic import make_code, make_thing
+
 FRAME_NS = 100_000_000
+SIGMAS = np.array([0.03, 0.03, np.pi, 0.003, 0.003, 0.003])
 START = Belief(exp([0, 0, 0.3, 1, 2, 3]), 1e-6 * np.eye(6))
 
 
@@ -92,6 +96,34 @@ def test_odometry_only_where_blind_when_so_wished():
     tie, _ = predictor.edge(*records, [])
     assert len(tie) == 1
     assert predictor.edge(*records, tie) == ([], [])
+
+
+def test_pair_whose_objects_tell_less_than_odometry_is_blind():
+    predictor = Predictor(OdometryParams(use="blind"), Counter())
+    fixes = [predict(predictor, START, i)[0] for i in range(2)]
+    records = [record(i, fix) for i, fix in enumerate(fixes)]
+    tie = replace(predictor.edge(*records, [])[0][0], kind=EdgeKind.SHORT_RANGE, covariance=0.1 * np.eye(6))
+    (edge,), guessed = predictor.edge(*records, [tie])
+    assert (edge.kind, guessed) == (EdgeKind.ODOMETRY, [])
+
+
+def test_lone_bottle_sharpens_the_edge_of_a_blind_pair():
+    predictor = Predictor(OdometryParams(use="blind"), Counter())
+    fixes = [predict(predictor, START, i)[0] for i in range(2)]
+    bottle = make_thing(0, True, np.array([0.0, 0.1, 1.0]), np.random.default_rng(0))
+    shift = exp([0, 0, 0, 0.04, 0, 0])  # beside what odometry says, by one of its sigmas
+    records = [
+        replace(
+            record(i, fixes[i]),
+            keys=np.array([7]),
+            frames=reduce_codes([make_code(bottle, inverse(T) @ bottle.T_world_object, SIGMAS)]),
+        )
+        for i, T in enumerate([np.eye(4), pose(1) @ shift])
+    ]
+    (alone,), _ = predictor.edge(record(0, fixes[0]), record(1, fixes[1]), [])
+    (edge,), _ = predictor.edge(*records, [])
+    np.testing.assert_allclose(edge.T_from_to, pose(1) @ shift, atol=2e-3)
+    assert edge.covariance[3, 3] < 0.05 * alone.covariance[3, 3]
 
 
 def test_prediction_follows_a_correction_of_the_map(predictor):
