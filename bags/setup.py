@@ -13,5 +13,5 @@ setup(
     install_requires=["setuptools"],
     license="Apache-2.0",
     description="Bags for NeuSE: simulate, convert, play, record, run the in-process pipeline, evaluate",
-    entry_points={"console_scripts": [f"{command} = neuse_bags.{command}:main" for command in COMMANDS]},
+    entry_points={"console_scripts": [f"{command} = neuse_bags.commands:{command}" for command in COMMANDS]},
 )

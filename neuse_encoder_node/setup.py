@@ -16,5 +16,5 @@ setup(
     install_requires=["setuptools"],
     license="Apache-2.0",
     description="Segmented RGB-D images to latent object codes",
-    entry_points={"console_scripts": ["encoder_node = neuse_encoder_node.node:main"]},
+    entry_points={"console_scripts": ["encoder_node = neuse_encoder_node.__main__:main"]},
 )

@@ -16,5 +16,5 @@ setup(
     install_requires=["setuptools"],
     license="Apache-2.0",
     description="Tracked frames to a change-aware object map, its changes and markers",
-    entry_points={"console_scripts": ["mapper_node = neuse_mapper_node.node:main"]},
+    entry_points={"console_scripts": ["mapper_node = neuse_mapper_node.__main__:main"]},
 )

@@ -17,5 +17,5 @@ setup(
     install_requires=["setuptools"],
     license="Apache-2.0",
     description="Latent object codes to camera poses, keyframes and pose-graph edges",
-    entry_points={"console_scripts": ["slam_node = neuse_slam_node.node:main"]},
+    entry_points={"console_scripts": ["slam_node = neuse_slam_node.__main__:main"]},
 )

@@ -14,9 +14,9 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from neuse.errors import NeuseError, ParamError
+from neuse_encoder_node.start import INTERRUPTED
 
 BAD_INPUT = 2
-INTERRUPTED = 130
 
 
 def command_parser(command: str, description: str | None) -> argparse.ArgumentParser:

@@ -1,0 +1,14 @@
+"""Entry point of `ros2 run neuse_encoder_node encoder_node`."""
+
+import sys
+
+from neuse_encoder_node.start import start
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(start("neuse_encoder_node.node"))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,42 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from neuse_encoder_node.start import INTERRUPTED
+
+INTERRUPT = "import os, signal; os.kill(os.getpid(), signal.SIGINT)"
+
+
+def run_module(folder: Path, source: str) -> subprocess.CompletedProcess:
+    """Start a module of this source."""
+    (folder / "started.py").write_text(source)
+    code = f"import sys; sys.path.append({str(folder)!r}); from neuse_encoder_node.start import start; "
+    code += "sys.exit(start('started'))"
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+
+
+def test_ctrl_c_during_imports_ends_quietly(tmp_path: Path):
+    done = run_module(tmp_path, f"{INTERRUPT}\nimport time; time.sleep(30)")
+    assert (done.returncode, done.stdout, done.stderr) == (INTERRUPTED, "", "")
+
+
+def test_ctrl_c_afterwards_is_left_to_the_program(tmp_path: Path):
+    done = run_module(
+        tmp_path,
+        f"def main():\n    try:\n        {INTERRUPT}\n        import time; time.sleep(30)\n"
+        "    except KeyboardInterrupt:\n        return 7\n",
+    )
+    assert done.returncode == 7, done.stderr
+
+
+def test_what_main_returns_is_the_exit_code(tmp_path: Path):
+    assert run_module(tmp_path, "def main():\n    return 3\n").returncode == 3
+
+
+@pytest.mark.parametrize("command", ["play", "info"])
+def test_commands_are_found_by_their_names(command: str):
+    from neuse_bags import commands
+
+    assert getattr(commands, command).args == (f"neuse_bags.{command}",)
