@@ -25,6 +25,7 @@ from neuse.slam.object_frames import frames_at
 from neuse.slam.registration import align_frames
 
 GATE_SIGMAS = 3.0
+JOINT_GATE_SIGMAS = 5.0  # several objects that agree may lie further off than one alone
 PLACE_SIGMAS = np.array(
     [0.02, 0.02, 0.1, 0.005, 0.005, 0.005]
 )  # of the library's objects, as ObjectFrames.sigmas
@@ -115,16 +116,21 @@ def _tracked_pairs(
     T_map_camera: Array,
     params: AssociationParams,
 ) -> Pairs:
-    """Pairs alike in shape and within the place gate that the drift since the last sight opens."""
+    """Pairs alike in shape and within the place gate that the drift since the last sight opens.
+
+    What lies beyond the gate of a lone object, but not too far, needs the company of others.
+    """
     seen = to_camera(T_map_camera, places)[0]
     offsets_m = np.linalg.norm(view.frames.centers[:, None] - seen[None], axis=-1)
     square_range = square_ranges(view)[:, None]
     variances = drift[None, :, 1] + drift[None, :, 0] * square_range + view.frames.variances[0][:, None]
+    wide_m = np.minimum(params.delta_prox_m + JOINT_GATE_SIGMAS * np.sqrt(variances), params.max_gate_m)
     gates_m = np.minimum(params.delta_prox_m + GATE_SIGMAS * np.sqrt(variances), params.max_gate_m)
-    rows, columns = np.nonzero(alike & (offsets_m <= gates_m))
-    nearness = 1.0 - offsets_m[rows, columns] / gates_m[rows, columns]
-    weights = 1.0 + 0.25 * np.maximum(shapes[rows, columns], 0.0) + 0.25 * nearness
-    return Pairs(rows, columns, gates_m[rows, columns], weights)
+    gates_m = np.where(offsets_m <= gates_m, gates_m, np.maximum(wide_m, params.pair_gate_m))
+    pair = rows, columns = np.nonzero(alike & (offsets_m <= wide_m))
+    nearness = 1.0 - offsets_m[pair] / wide_m[pair]
+    weights = 1.0 + 0.25 * np.maximum(shapes[pair], 0.0) + 0.25 * nearness
+    return Pairs(rows, columns, gates_m[pair], weights)
 
 
 def _heaviest_tracked(

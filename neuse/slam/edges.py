@@ -3,10 +3,12 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from neuse.geometry import Array, inverse, log
+from neuse.geometry import Array, inverse
 from neuse.params import CheckedParams, param
 from neuse.records import Edge, EdgeKind
 from neuse.slam.keyframes import KeyframeRecord
@@ -43,6 +45,12 @@ class EdgeParams(CheckedParams):
     period_sigma_m: float = param(
         0.015, "a period of sight begins when the centre is known this well, metres", 1e-4, 10.0
     )
+    closure_spacing: int = param(
+        10,
+        "keyframes between two that loops are closed from or to; views that are near share one error",
+        1,
+        1000,
+    )
     max_closures: int = param(5, "earlier keyframes tried for loop closure by one keyframe", 0, 1000)
 
 
@@ -72,15 +80,9 @@ class EdgeBuilder:
         edges = [edge for edge in built if edge is not None]
         if T_olds_new is None:
             return edges
-        agreeing = [edge for edge in edges if self._agrees(edge, T_olds_new[edge.from_id])]
-        self.rejected += len(edges) - len(agreeing)
-        return agreeing
-
-    def _agrees(self, edge: Edge, T_from_to: Array) -> bool:
-        """Whether the tracked motion, known to TRACKED_SIGMAS, may be what the edge says."""
-        xi = log(inverse(edge.T_from_to) @ T_from_to)
-        square = float(xi @ np.linalg.solve(edge.covariance + np.diag(TRACKED_SIGMAS**2), xi))
-        return square <= self.params.max_disagreement**2
+        agree = _disagreements(edges, T_olds_new) <= self.params.max_disagreement
+        self.rejected += int((~agree).sum())
+        return [edge for edge, agrees in zip(edges, agree, strict=True) if agrees]
 
     def _in_window(self, old: KeyframeRecord, new: KeyframeRecord) -> bool:
         return new.keyframe_id - self.params.window < old.keyframe_id < new.keyframe_id
@@ -88,25 +90,26 @@ class EdgeBuilder:
     def loop_closures(
         self, new: KeyframeRecord, records: Sequence[KeyframeRecord], tracks: dict[int, Track]
     ) -> list[Edge]:
-        """Edges to the first keyframe of every earlier period of sight of the objects seen again."""
+        """Edges to keyframes of every earlier period of sight of the objects seen again: to the first, as in
+        the paper, and to later ones, whose views from nearer by tell more.
+        """
         targets = self._targets(new, tracks)
         built = self._build([records[target] for target, _ in targets], new, EdgeKind.LOOP_CLOSURE, tracks)
         for (target, keys), edge in zip(targets, built, strict=True):
             if edge is not None:
-                self._closed |= {(key, tracks[key].periods[-1], target) for key in keys}
+                self._closed |= {(key, tracks[key].periods[-1][-1], target) for key in keys}
         return [edge for edge in built if edge is not None]
 
     def _targets(self, new: KeyframeRecord, tracks: dict[int, Track]) -> list[tuple[int, list[int]]]:
-        """(keyframe, tracks that ask for it), the most asked for first; tried while a period is young."""
+        """(keyframe, tracks that ask for it), the most asked for first; each once every so often."""
         asking: dict[int, list[int]] = {}
         for key in new.keys.tolist():
-            if not tracks[key].periods:
+            if not (tracks[key].confirmed and tracks[key].periods):
                 continue
             *earlier, current = tracks[key].periods
-            if tracks[key].confirmed and new.keyframe_id - current < self.params.window:
-                for target in earlier:
-                    if (key, current, target) not in self._closed:
-                        asking.setdefault(target, []).append(key)
+            for target in chain.from_iterable(earlier):
+                if (key, current[-1], target) not in self._closed:
+                    asking.setdefault(target, []).append(key)
         count = Counter({target: len(keys) for target, keys in asking.items()})
         ordered = sorted(count, key=lambda target: (-count[target], target))
         return [(target, asking[target]) for target in ordered[: self.params.max_closures]]
@@ -165,6 +168,18 @@ class EdgeBuilder:
             and alignment.sigma_rotation_rad <= most_rad
             and alignment.sigma_translation_m <= most_m
         )
+
+
+def _disagreements(edges: Sequence[Edge], T_olds_new: Array) -> Array:
+    """(n,) how many sigmas the tracked motions, known to TRACKED_SIGMAS, are from what the edges say."""
+    if not edges:
+        return np.zeros(0)
+    T_from_to = np.stack([edge.T_from_to for edge in edges])
+    differences = inverse(T_from_to) @ T_olds_new[[edge.from_id for edge in edges]]
+    turns = Rotation.from_matrix(differences[:, :3, :3]).as_rotvec()
+    xi = np.concatenate([turns, differences[:, :3, 3]], axis=1)  # (n, 6)
+    covariances = np.stack([edge.covariance for edge in edges]) + np.diag(TRACKED_SIGMAS**2)
+    return np.sqrt((xi * np.linalg.solve(covariances, xi[..., None])[..., 0]).sum(axis=1))
 
 
 def _rows(record: KeyframeRecord, keys: np.ndarray) -> np.ndarray:

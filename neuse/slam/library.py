@@ -48,7 +48,8 @@ class Track:
     place: (3, 3) centre (metres), unit axis and unit handle in the map frame.    place_weights: (3,) and
         shape_weight: information in these and in the descriptor.
     mapped_at, seen_at: (2,) reading of the drift clock (rad^2, m^2) when it was met first and last.
-    anchored: the graph says where it stands.    periods: first keyframe of every period of sight.
+    anchored: the graph says where it stands.
+    periods: keyframes of every period of sight, the first and then one every so often.
     """
 
     key: int
@@ -70,7 +71,7 @@ class Track:
     place_weights: Array = field(default_factory=lambda: np.zeros(3))
     anchored: bool = False
     last_keyframe: int = NO_ID
-    periods: list[int] = field(default_factory=list)
+    periods: list[list[int]] = field(default_factory=list)
 
     @property
     def shape_noise(self) -> float:
@@ -90,10 +91,12 @@ class Track:
             self.place = orthonormal_place(self.place + share[:, None] * (place - self.place))
         self.last, self.seen_at, self.last_frame = last, drift, frame_index
 
-    def enter_keyframe(self, keyframe_id: int, gap: int) -> None:
+    def enter_keyframe(self, keyframe_id: int, gap: int, spacing: int) -> None:
         """Note that a keyframe sees it; more than `gap` keyframes without it end a period of sight."""
         if self.last_keyframe == NO_ID or keyframe_id - self.last_keyframe > gap:
-            self.periods.append(keyframe_id)
+            self.periods.append([keyframe_id])
+        elif keyframe_id - self.periods[-1][-1] >= spacing:
+            self.periods[-1].append(keyframe_id)
         self.last_keyframe = keyframe_id
 
 

@@ -206,10 +206,10 @@ class ObjectSlam:
 
     def _add_keyframe(self, record: KeyframeRecord, located: Located) -> list[Edge]:
         """Extend the graph by a keyframe and solve it; returns its edges that are worth publishing."""
-        records, tracks = self._keyframes.records, self._tracker.library.tracks
-        well_seen = record.frames.variances[0] <= self.params.edges.period_sigma_m**2
+        records, tracks, params = self._keyframes.records, self._tracker.library.tracks, self.params.edges
+        well_seen = record.frames.variances[0] <= params.period_sigma_m**2
         for key in record.keys[well_seen].tolist():
-            tracks[key].enter_keyframe(record.keyframe_id, self.params.edges.period_gap)
+            tracks[key].enter_keyframe(record.keyframe_id, params.period_gap, params.closure_spacing)
         entering = self._tracker.enter_graph([tracks[key] for key in record.keys.tolist()])
         with self.stopwatch.timed("edge"):
             T_olds_new = inverse(self._keyframes.T_map_camera) @ self._tracker.belief.T_map_camera

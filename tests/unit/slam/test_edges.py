@@ -40,7 +40,7 @@ class World:
             T = inverse(self.pose(i)) @ self.things[key].T_world_object
             codes.append(make_code(self.things[key], exp([0, 0, 0, spoil * (n == 0), 0, 0]) @ T, sigmas))
         for key in keys:
-            self.tracks[key].enter_keyframe(i, gap=3)
+            self.tracks[key].enter_keyframe(i, gap=3, spacing=4)
         record = KeyframeRecord(i, 100 * i, np.array(keys, dtype=int), reduce_codes(codes), None)
         self.records.append(record)
         return record
@@ -123,6 +123,16 @@ def revisit(world, builder, i, keys=(0, 1, 2)):
     return builder.loop_closures(world.keyframe(i, keys=keys), world.records, world.tracks)
 
 
+def test_edge_that_contradicts_the_tracked_motion_is_refused(world):
+    world.keyframe(0)
+    record = world.keyframe(1)
+    T_0_1 = inverse(world.pose(0)) @ world.pose(1)
+    for T, count in ((T_0_1, 1), (T_0_1 @ exp([0, 0, 0.3, 0, 0, 0]), 0)):
+        builder = EdgeBuilder()
+        assert len(builder.short_range(record, world.records[:-1], world.tracks, T[None])) == count
+        assert builder.rejected == 1 - count
+
+
 def test_loops_close_to_the_first_keyframe_of_every_earlier_period(world):
     for i in range(12):
         world.keyframe(i, keys=(0, 1, 2) if i in (0, 1, 6) else ())
@@ -133,7 +143,7 @@ def test_loops_close_to_the_first_keyframe_of_every_earlier_period(world):
     np.testing.assert_allclose(error, 0.0, atol=1e-9)
 
 
-def test_loop_is_closed_once_per_period(world):
+def test_loop_is_closed_once_per_view(world):
     for i in range(6):
         world.keyframe(i, keys=(0, 1, 2) if i == 0 else ())
     builder = EdgeBuilder()
@@ -141,13 +151,21 @@ def test_loop_is_closed_once_per_period(world):
     assert revisit(world, builder, 7) == []
 
 
-def test_refused_closure_is_tried_again_while_the_period_is_young(world):
+def test_refused_closure_is_tried_again(world):
     world.keyframe(0)
     for i in range(1, 6):
         world.keyframe(i, keys=())
     builder = EdgeBuilder(EdgeParams(window=4))
     assert revisit(world, builder, 6, keys=(1,)) == []
     assert len(revisit(world, builder, 7)) == 1
+
+
+def test_loop_is_closed_from_and_to_several_views_of_long_periods(world):
+    for i in range(20):
+        world.keyframe(i, keys=(0, 1, 2) if i < 6 else ())
+    builder = EdgeBuilder()
+    closures = [edge for i in range(20, 26) for edge in revisit(world, builder, i)]
+    assert [(edge.from_id, edge.to_id) for edge in closures] == [(0, 20), (4, 20), (0, 24), (4, 24)]
 
 
 def test_objects_in_view_all_along_close_no_loop(world):
