@@ -118,7 +118,7 @@ def _tracked_pairs(
 ) -> Pairs:
     """Pairs alike in shape and within the place gate that the drift since the last sight opens.
 
-    What lies beyond the gate of a lone object, but not too far, needs the company of others.
+    Not too far beyond that gate objects may match in company; their gate is infinite.
     """
     seen = to_camera(T_map_camera, places)[0]
     offsets_m = np.linalg.norm(view.frames.centers[:, None] - seen[None], axis=-1)
@@ -126,7 +126,7 @@ def _tracked_pairs(
     variances = drift[None, :, 1] + drift[None, :, 0] * square_range + view.frames.variances[0][:, None]
     wide_m = np.minimum(params.delta_prox_m + JOINT_GATE_SIGMAS * np.sqrt(variances), params.max_gate_m)
     gates_m = np.minimum(params.delta_prox_m + GATE_SIGMAS * np.sqrt(variances), params.max_gate_m)
-    gates_m = np.where(offsets_m <= gates_m, gates_m, np.maximum(wide_m, params.pair_gate_m))
+    gates_m = np.where(offsets_m <= gates_m, gates_m, np.inf)
     pair = rows, columns = np.nonzero(alike & (offsets_m <= wide_m))
     nearness = 1.0 - offsets_m[pair] / wide_m[pair]
     weights = 1.0 + 0.25 * np.maximum(shapes[pair], 0.0) + 0.25 * nearness
@@ -140,12 +140,22 @@ def _heaviest_tracked(
     consistent = same_layout(view, places, pairs, params.clique_tolerance_m, params.clique_tolerance_rad)
     turns_rad = GATE_SIGMAS * np.sqrt(drift[pairs.columns, 0])
     consistent &= same_directions(view, places, pairs, T_map_camera, turns_rad, params.clique_tolerance_m)
-    clique = max_weight_clique(consistent, pairs.weights, pairs.rows)
-    if not clique or len(clique) < _needed(pairs.gates_m[clique].min(), params):
-        return {}
-    if len(clique) == 1 and (pairs.rows == pairs.rows[clique[0]]).sum() > 1:
-        return {}  # a lone object with two possible places is no evidence
-    return {int(pairs.rows[v]): int(pairs.columns[v]) for v in clique}
+    for usable in (np.arange(len(pairs.rows)), np.flatnonzero(np.isfinite(pairs.gates_m))):
+        found = max_weight_clique(
+            consistent[np.ix_(usable, usable)], pairs.weights[usable], pairs.rows[usable]
+        )
+        clique = usable[found]
+        if len(clique) and _is_enough(clique, pairs, params):
+            return {int(pairs.rows[v]): int(pairs.columns[v]) for v in clique}
+    return {}
+
+
+def _is_enough(clique: np.ndarray, pairs: Pairs, params: AssociationParams) -> bool:
+    """Whether so many objects are evidence; a lone object with two possible places is none."""
+    places = (pairs.rows == pairs.rows[clique[0]]) & np.isfinite(pairs.gates_m)
+    if len(clique) == 1 and places.sum() > 1:
+        return False
+    return len(clique) >= _needed(float(pairs.gates_m[clique].min()), params)
 
 
 def _needed(gate_m: float, params: AssociationParams) -> int:

@@ -121,6 +121,19 @@ def test_pair_matches_in_a_gate_too_wide_for_one(scene):
     assert scene.names(found.tracks) == [1, 2]
 
 
+def test_three_that_agree_match_beyond_the_gate_of_a_lone_object(scene):
+    T_map_camera = exp([0, 0, 0, 0.2, 0, 0])  # four sigmas and a bit from the prediction
+    view = view_of(scene.things, T_map_camera)
+    assert scene.names(associated(scene, view, drift_m=0.04).tracks) == [0, 1, 2, 3, 4]
+    assert associated(scene, view_of(scene.things[:1], T_map_camera), drift_m=0.04).tracks == (None,)
+
+
+def test_two_far_from_their_places_do_not_outvote_one_that_is_near(scene):
+    seen, copies = scene.things[:2], [moved(thing, [0.2, 0, 0]) for thing in scene.things[:2]]
+    known = scene_of([*copies, seen[1]])
+    assert known.names(associated(known, view_of(seen), drift_m=0.04).tracks) == [None, 2]
+
+
 def test_layout_alone_relocalises_a_lost_camera(scene):
     T_map_camera = exp([0.1, 0.1, 0.2, 0.8, -0.5, 0.3])
     found = associated(scene, view_of(scene.things, T_map_camera), drift_m=0.01)
