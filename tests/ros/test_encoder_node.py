@@ -13,7 +13,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from neuse.records import Instance
 from neuse_encoder_node.conversions import instances_to_msg, observed_frame_from_msg
-from neuse_encoder_node.node import INPUTS
+from neuse_encoder_node.node import DETECTIONS, INPUTS
 from neuse_msgs.msg import ObjectObservationArray
 
 pytestmark = pytest.mark.ros
@@ -280,6 +280,24 @@ def test_diagnostics_give_rate_and_times(camera: Camera):
     assert float(camera.peer.diagnostics["stage_ms/encode"]) > 0
     assert float(camera.peer.diagnostics["stage_ms/encode_per_object"]) > 0
     assert "fps" in camera.peer.diagnostics
+
+
+def test_detections_of_vision_msgs_are_taken_as_instances(camera: Camera):
+    vision = pytest.importorskip("vision_msgs.msg", reason="vision_msgs is not installed")
+    camera.peer.connect(vision.Detection2DArray, DETECTIONS, SENSOR)
+    camera.peer.meet()
+    stamp_ns = camera.next_stamp_ns()
+    frame = frame_messages(stamp_ns)
+    detections = vision.Detection2DArray(header=frame.depth.header)
+    for instance, name in zip(INSTANCES, ("cup", "bottle"), strict=True):
+        result = vision.ObjectHypothesisWithPose()
+        result.hypothesis = vision.ObjectHypothesis(class_id=name, score=instance.score)
+        detections.detections.append(vision.Detection2D(id=str(instance.label), results=[result]))
+    camera.send(frame, leave_out="segmentation/instances")
+    camera.peer.send(DETECTIONS, detections)
+    message = camera.peer.wait_for_stamp("neuse/observations", stamp_ns)
+    assert_good(message)
+    assert [o.code.category for o in message.observations] == ["mug", "bottle"]
 
 
 def test_it_says_every_ten_seconds_how_it_goes(camera: Camera, encoder):
