@@ -88,7 +88,7 @@ class BopScene:
             if category is not None:
                 path = self.path / "mask_visib" / f"{name}_{index:06d}.png"
                 labels[read_picture(path, size, MASK_KINDS, "scene_gt.json") > 0] = index + 1
-                instances.append(Instance(index + 1, category))
+                instances.append(Instance(index + 1, str(category)))
         return labels, tuple(instances)
 
     def _object_ids(self, key: str) -> list[str]:
@@ -126,7 +126,7 @@ def open_bop(path: Path) -> FrameSource:
     file = next((place for place in places if place.exists()), places[0])
     categories = read_json(file, CATEGORIES_EXAMPLE)
     rate_hz = categories.pop("rate_hz", RATE_HZ)
-    if not categories or not isinstance(rate_hz, float | int) or not rate_hz > 0:
+    if not categories or not isinstance(rate_hz, float | int) or not 0 < rate_hz < np.inf:
         raise InputError("categories", f"{file} has no category or no rate_hz; write {CATEGORIES_EXAMPLE}")
     scene = BopScene(path, cameras, objects, categories, rate_hz)
     hint = f"write the millimetres of one unit as depth_scale in {path / MARK}"
@@ -149,7 +149,7 @@ def _camera(entry: Any, key: str, size: tuple[int, int], path: Path) -> tuple[In
     except (KeyError, TypeError, ValueError) as error:
         told = f"{path} lacks {error} of picture {key}; write {CAMERA_EXAMPLE}"
         raise InputError("scene_camera", told) from error
-    if not (fx > 0 and fy > 0 and scale_mm > 0):
+    if not (min(fx, fy, scale_mm) > 0 and np.isfinite([fx, fy, cx, cy, scale_mm]).all()):
         told = f"{path} has focal length {fx:g}, {fy:g} and depth_scale {scale_mm:g} in picture {key}"
         raise InputError("scene_camera", f"{told}; all must be above zero")
     return Intrinsics(*size, fx, fy, cx, cy), scale_mm * 1e-3

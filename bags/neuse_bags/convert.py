@@ -28,6 +28,7 @@ LAYOUTS: dict[str, Callable[[Path], FrameSource]] = {
     tum.MARK: tum.open_tum,
     bop.MARK: bop.open_bop,
 }
+EARLY = 20  # so many frames tell whether the unit of depth is right
 BAG_HELP = """ROS 2 bag: an .mcap or .db3 file, or a rosbag2 folder.
 
 --remap FROM:=TO ..., or YAML files with lines `FROM: TO`; TO is one of
@@ -77,11 +78,16 @@ def _convert_folder(source: FrameSource, out: Path) -> int:
 def _write_frames(writer: BagWriter, source: FrameSource) -> None:
     scale = ScaleCheck()
     with stop_on_signal() as stop:
-        for frame in tqdm(source.frames(), total=source.n_frames, unit="frame"):
+        for index, frame in enumerate(tqdm(source.frames(), total=source.n_frames, unit="frame")):
             write_frame(writer, frame)
             scale.add(frame)
+            if index in (EARLY, source.n_frames - 1):
+                _check_unit(scale, source)
             if stop.is_set():
                 raise KeyboardInterrupt
+
+
+def _check_unit(scale: ScaleCheck, source: FrameSource) -> None:
     fault = scale.fault()
     if fault:
         raise InputError("unit", f"{fault}; {source.unit_hint}")

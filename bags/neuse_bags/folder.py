@@ -27,10 +27,11 @@ from neuse_bags.pictures import (
     FrameSource,
     Trajectories,
     intrinsics_from,
+    make_instance,
     read_json,
     read_picture,
 )
-from neuse_bags.trajectory_files import read_tum
+from neuse_bags.trajectory_files import LATEST_NS, read_tum
 
 MARK = "frames.json"
 FIRST_STAMP_NS = 10**9  # a stamp of zero means "no time" to ROS
@@ -63,7 +64,7 @@ class PictureFolder:
             stamp_ns=stamp_ns(entry.get("stamp_s", entry["frame"] / self.rate_hz)),
             depth_m=(depth * self.depth_scale_m).astype(np.float32),
             mask=self._picture(f"{stem}_mask.png", MASK_KINDS),
-            instances=tuple(_instance(item, stem) for item in entry["instances"]),
+            instances=tuple(_instance(item, stem, self.path / MARK) for item in entry["instances"]),
             intrinsics=self.intrinsics,
             color=self._picture(color, COLOR_KINDS) if (self.path / color).exists() else None,
         )
@@ -95,21 +96,28 @@ def _checked(path: Path, file: Path) -> PictureFolder:
         depth_scale_m = float(content.get("depth_scale_m", 1e-3))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError("frames_json", f"{file} lacks {error}; see --help for its entries") from error
-    if not entries or not rate_hz > 0 or not depth_scale_m > 0:
+    if not entries or not 0 < rate_hz < np.inf or not 0 < depth_scale_m < np.inf:
         found = f"{len(entries)} frames, rate_hz {rate_hz:g} and depth_scale_m {depth_scale_m:g}"
-        raise InputError("frames_json", f"{file} has {found}; all must be above zero")
+        raise InputError("frames_json", f"{file} has {found}; all must be above zero and finite")
     return PictureFolder(path, intrinsics, entries, rate_hz, depth_scale_m)
 
 
 def stamp_ns(stamp_s: float) -> int:
-    """Seconds of a folder as a stamp of its bag."""
+    """Seconds of a folder as a stamp of its bag.
+
+    Raises:
+        InputError: it is none that a message can hold.
+    """
+    if not 0 <= stamp_s * 1e9 < LATEST_NS - FIRST_STAMP_NS:
+        raise InputError("stamp", f"{MARK} has a frame at {stamp_s:g} s; write stamp_s in seconds")
     return FIRST_STAMP_NS + round(stamp_s * 1e9)
 
 
-def _instance(item: dict[str, Any], stem: str) -> Instance:
+def _instance(item: Any, stem: str, file: Path) -> Instance:
+    example = f'{{"id": 1, "category": "mug"}} for each instance of frame {stem}'
     try:
-        return Instance(int(item["id"]), str(item["category"]), float(item.get("score", 1.0)))
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            "frames_json", f"an instance of frame {stem} lacks {error} (id, category)"
-        ) from error
+        label, category, score = item["id"], item["category"], item.get("score", 1.0)
+    except (KeyError, TypeError, AttributeError) as error:
+        told = f"an instance of frame {stem} lacks {error}; write {example}"
+        raise InputError("frames_json", f"{file}: {told}") from error
+    return make_instance(label, category, score, file, example)

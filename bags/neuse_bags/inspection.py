@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from rclpy.qos import ReliabilityPolicy
 
-from neuse.embedding.observe import check_frame
 from neuse.errors import InputError
 from neuse_bags import topics
 from neuse_bags.frames import JOINED, read_frames
@@ -121,6 +120,8 @@ def _pairing(stamps_ns: Stamps, n_shared: int) -> Iterator[str]:
 
 def _frame_faults(bag: BagReader, paired_ns: Sequence[int]) -> list[str]:
     """What is wrong with some frames out of the whole bag, each kind of fault once."""
+    from neuse.embedding.observe import check_frame  # loads torch, which folders are converted without
+
     chosen = np.linspace(0, len(paired_ns) - 1, min(N_SAMPLES, len(paired_ns))).astype(int)
     faults: list[InputError] = []
     scale = ScaleCheck()

@@ -11,7 +11,7 @@ import numpy as np
 
 from neuse.errors import InputError
 from neuse.geometry import Array
-from neuse.records import Intrinsics, RgbdFrame
+from neuse.records import Instance, Intrinsics, RgbdFrame
 
 DEPTH_KINDS = (np.uint16,)
 MASK_KINDS = (np.uint8, np.uint16)
@@ -103,6 +103,21 @@ def intrinsics_from(values: Any, path: Path) -> Intrinsics:
         told = f"{path} has focal length {fx:g}, {fy:g} and size {width} x {height}"
         raise InputError(path.stem, f"{told}; write those of the calibrated camera in pixels")
     return Intrinsics(width, height, fx, fy, cx, cy)
+
+
+def make_instance(label: Any, category: Any, score: Any, path: Path, example: str) -> Instance:
+    """An entry of a segmentation.
+
+    Raises:
+        InputError: the label is none that a mask can have, or the score is no number.
+    """
+    try:
+        made = Instance(int(label), str(category), float(score))
+    except (TypeError, ValueError) as error:
+        raise InputError("instances", f"{path}: {error}; write {example}") from error
+    if not 0 < made.label <= np.iinfo(np.uint16).max:
+        raise InputError("instances", f"{path} has label {label}, which no mask can have; write {example}")
+    return made
 
 
 def _description(pixels: np.ndarray) -> str:

@@ -9,6 +9,8 @@ from neuse.errors import InputError
 from neuse.geometry import transform_from_quaternion
 from neuse_bags.pictures import Poses
 
+LATEST_NS = 2**31 * 10**9  # beyond what a message can hold
+
 
 def read_tum(path: Path, first_ns: int = 0) -> Poses:
     """(stamp_ns, T_frame_camera) of a file with lines `stamp_s x y z qx qy qz qw`; empty where there is none.
@@ -39,12 +41,15 @@ def seconds_to_ns(text: str, path: Path) -> int:
     """A stamp in seconds, digit by digit.
 
     Raises:
-        InputError: it is no time.
+        InputError: it is no time, or none that a message can hold.
     """
     try:
-        return int(Decimal(text) * 10**9)
-    except (InvalidOperation, ValueError, OverflowError) as error:
-        raise InputError("tum", f"{path}: {text!r} is no stamp in seconds") from error
+        stamp_ns = int(Decimal(text) * 10**9)
+    except (InvalidOperation, ValueError, OverflowError):
+        stamp_ns = -1
+    if not 0 <= stamp_ns < LATEST_NS:
+        raise InputError("stamp", f"{path}: {text!r} is no stamp; write seconds, such as 1305031102.175304")
+    return stamp_ns
 
 
 def _pose(words: list[str], path: Path, first_ns: int) -> tuple[int, np.ndarray]:

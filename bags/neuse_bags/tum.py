@@ -29,6 +29,7 @@ from neuse_bags.pictures import (
     FrameSource,
     Trajectories,
     intrinsics_from,
+    make_instance,
     read_json,
     read_picture,
 )
@@ -105,7 +106,7 @@ def _alone(depth: Listing) -> Pairs:
 
 def _scale_m(camera: dict[str, Any], path: Path) -> float:
     scale_mm = camera.get("depth_scale", MM_PER_UNIT)
-    if not isinstance(scale_mm, float | int) or not scale_mm > 0:
+    if not isinstance(scale_mm, float | int) or not 0 < scale_mm < np.inf:
         raise InputError("camera", f"{path} has depth_scale {scale_mm!r}; write the millimetres of one unit")
     return scale_mm * 1e-3
 
@@ -144,9 +145,11 @@ def _nearest(stamps_ns: Sequence[int], stamp_ns: int) -> int:
 
 def _instances(labels: dict[str, Any], name: str, path: Path) -> tuple[Instance, ...]:
     """What the labels of one mask are."""
-    own = labels.get(name, {}) if any(isinstance(value, dict) for value in labels.values()) else labels
-    try:
-        return tuple(Instance(int(label), str(category)) for label, category in own.items())
-    except (AttributeError, ValueError) as error:
-        file = path / "masks" / "instances.json"
-        raise InputError("instances", f"{file}: {error}; write {INSTANCES_EXAMPLE}") from error
+    file = path / "masks" / "instances.json"
+    nested = any(isinstance(value, dict) for value in labels.values())
+    own = labels.get(name, {}) if nested else labels
+    if not isinstance(own, dict):
+        raise InputError("instances", f"{file} has no labels for {name}; write {INSTANCES_EXAMPLE}")
+    return tuple(
+        make_instance(label, category, 1.0, file, INSTANCES_EXAMPLE) for label, category in own.items()
+    )

@@ -123,3 +123,28 @@ def test_trajectory_file_of_another_format_is_refused(tmp_path: Path, text: str)
     (tmp_path / "odometry.tum").write_text(text)
     with pytest.raises(InputError, match="stamp_s x y z"):
         read_tum(tmp_path / "odometry.tum")
+
+
+@pytest.mark.parametrize("stamp_s", [-1.0, 1.7e18])
+def test_stamp_that_no_message_can_hold_is_refused(picture_folder: Folder, stamp_s: float) -> None:
+    folder = open_folder(picture_folder(frames=[{"frame": 0, "stamp_s": stamp_s, "instances": []}]))
+    with pytest.raises(InputError, match="write stamp_s in seconds"):
+        list(folder.frames())
+
+
+@pytest.mark.parametrize(
+    ("instance", "told"),
+    [
+        ({"id": 0, "category": "mug"}, "has label 0, which no mask can have"),
+        ({"id": 70000, "category": "mug"}, "has label 70000, which no mask can have"),
+        ({"id": "one", "category": "mug"}, "'one'; write"),
+        ({"id": 1, "category": "mug", "score": "high"}, "'high'; write"),
+        (3, "an instance of frame 00 lacks"),
+    ],
+)
+def test_instance_that_no_mask_can_have_is_refused(
+    picture_folder: Folder, instance: object, told: str
+) -> None:
+    folder = open_folder(picture_folder(frames=[{"frame": 0, "instances": [instance]}]))
+    with pytest.raises(InputError, match=told):
+        list(folder.frames())
