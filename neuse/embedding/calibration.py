@@ -15,7 +15,7 @@ def calibrate(network: Network, views: ViewSet, n_views: int = 2048) -> None:
     encoding, batch = encode_all(network, views, n_views)
     if network.architecture == "shipped":  # the paper's has no uncertainties
         error = frame_error(encoding.frame, batch.target, network.ambiguous)
-        normalised = torch.cat([error.rotation, error.translation], -1) * torch.exp(-encoding.log_sigmas)
+        normalised = error.components * torch.exp(-encoding.log_sigmas)
         # a robust spread, blind to flipped frames: 80 % of a normal distribution lie within 1.2816 sigmas
         spread = normalised.abs().quantile(0.8, dim=0) / 1.2816
         network.sigma_scale.copy_(spread.clamp(0.3, 5.0))

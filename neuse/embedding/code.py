@@ -32,6 +32,9 @@ class Code:
     descriptor: (k,) float64, unit length, invariant to pose; compare by the dot product.
     sigmas: (6,) float64, standard deviations of the object's rigid frame, rotation first (rad), then
         translation (m), along the object frame's axes; the third (about the axis) is pi if ambiguous.
+    height_correlation: of the errors of the centre's place along the axis and of half the height, which have
+        the same standard deviation: 1 where the bottom is in its place and the top is not known, -1 the other
+        way round, 0 where both ends are known alike.
     """
 
     category: str
@@ -39,6 +42,7 @@ class Code:
     z: Array
     descriptor: Array
     sigmas: Array
+    height_correlation: float = 0.0
 
     @property
     def landmarks(self) -> Array:
@@ -55,6 +59,11 @@ class Code:
         """(3, 3) scaled axes E, least squares over the landmarks; metres."""
         template = landmark_template(len(self.z))
         return (self.landmarks - self.center).T @ template * (3.0 / len(template))
+
+    @property
+    def half_height(self) -> float:
+        """From the centre to the top, metres."""
+        return float(np.linalg.norm(self.axes[:, 2]))
 
     @property
     def T_frame_object(self) -> Array:

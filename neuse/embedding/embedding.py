@@ -19,7 +19,8 @@ from neuse.geometry import Array
 
 WEIGHTS = Path(__file__).parent.parent / "weights"
 MIN_POINTS = 8
-SIGMA_FLOOR = np.array([1e-3] * 3 + [2e-4] * 3)  # rad, m
+SIGMA_UNITS = np.array([1.0] * 3 + [UNIT_M] * 4)  # of an Encoding's: rad, network units
+SIGMA_FLOOR = np.array([1e-3] * 3 + [2e-4] * 4)  # rad, m
 
 
 def shipped_categories() -> tuple[str, ...]:
@@ -105,14 +106,16 @@ class Embedding:
     def _codes(self, encoding: Encoding, centers: Array) -> list[Code]:
         z = encoding.z.mT.double().cpu().numpy() * UNIT_M + centers[:, None]  # (B, k, 3)
         sigmas = torch.exp(encoding.log_sigmas.clamp(-8, 3)) * self.network.sigma_scale
-        sigmas_si = np.maximum(sigmas.double().cpu().numpy() * ([1.0] * 3 + [UNIT_M] * 3), SIGMA_FLOOR)
+        sigmas_si = np.maximum(sigmas.double().cpu().numpy() * SIGMA_UNITS, SIGMA_FLOOR)
         sigmas_si[:, :3] = np.minimum(sigmas_si[:, :3], np.pi)
         if self.ambiguous:
             sigmas_si[:, 2] = np.pi
+        along_axis, correlation = _centre_from_ends(sigmas_si[:, 5], sigmas_si[:, 6])
+        frame_sigmas = np.concatenate([sigmas_si[:, :5], along_axis[:, None]], axis=1)
         descriptors = encoding.descriptor.double().cpu().numpy()
         return [
             Code(self.category, self.ambiguous, *fields)
-            for fields in zip(z, descriptors, sigmas_si, strict=True)
+            for fields in zip(z, descriptors, frame_sigmas, correlation.tolist(), strict=True)
         ]
 
 
@@ -127,6 +130,14 @@ class LightEmbedding(Embedding):
         """As `Embedding.encode`, with the descriptors of the other network."""
         pairs = zip(super().encode(clouds), self.shape.encode(clouds), strict=True)
         return [replace(code, descriptor=other.descriptor) for code, other in pairs]
+
+
+def _centre_from_ends(top: Array, bottom: Array) -> tuple[Array, Array]:
+    """Standard deviation (n,) of the centre along the axis, and its correlation with half the height.
+
+    Centre and half height are half the sum and half the difference of the ends, whose errors are independent.
+    """
+    return np.hypot(top, bottom) / 2, (top**2 - bottom**2) / (top**2 + bottom**2)
 
 
 @cache

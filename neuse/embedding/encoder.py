@@ -18,6 +18,8 @@ from neuse.embedding.code import landmark_template
 from neuse.embedding.layers import VNLinear
 from neuse.embedding.local_geometry import N_INVARIANTS, N_VECTORS, local_geometry
 
+N_SIGMAS = 7
+
 
 @dataclass(frozen=True)
 class EncoderConfig:
@@ -37,7 +39,7 @@ class Encoding(NamedTuple):
 
     z: (B, 3, k) latent points, z_0 of the paper.    frame: (B, 3, 4) centre and scaled axes [c, E_x, E_y,
     E_z] that the landmarks, the first half of z, span.    descriptor: (B, k) unit vectors.    log_sigmas:
-    (B, 6).
+    (B, 7) of the rotation about x, y, z, the shift along x and y, and the places of top and bottom along z.
     """
 
     z: Tensor
@@ -100,7 +102,7 @@ class Encoder(nn.Module):
         self.to_free = VNLinear(n_vectors, config.n_latent // 2)
         summary = 2 * width + n_vectors
         self.to_descriptor = _head(summary, 2 * width, config.n_latent)
-        self.to_sigmas = _head(summary, width, 6)
+        self.to_sigmas = _head(summary, width, N_SIGMAS)
         template = torch.tensor(landmark_template(config.n_latent), dtype=torch.float32)
         self.register_buffer("template", template, persistent=False)
 

@@ -7,7 +7,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from neuse.embedding.dataset import Batch
-from neuse.embedding.encoder import Encoding
+from neuse.embedding.encoder import N_SIGMAS, Encoding
 
 SOFTNESS = 0.02  # 2 mm: below this an error counts squared, above it by its length
 
@@ -37,22 +37,35 @@ def shape_contrast_loss(descriptor: Tensor, shape: Tensor, temperature: float = 
 
 
 class FrameError(NamedTuple):
-    """Error of predicted object frames in their own axes: rotation (B, 3) rad, translation (B, 3)."""
+    """Error of predicted object frames in their own axes: rotation (B, 3) rad, translation (B, 3).
+
+    half_height: (B,) error of the length of E_z. Which end of an object is hidden shows in how it goes with
+    the translation along z: the end that is seen is in its place.
+    """
 
     rotation: Tensor
     translation: Tensor
+    half_height: Tensor
+
+    @property
+    def components(self) -> Tensor:
+        """(B, 7) what the sigmas of an Encoding are of."""
+        shift = self.translation
+        ends = torch.stack([shift[:, 2] + self.half_height, shift[:, 2] - self.half_height], -1)
+        return torch.cat([self.rotation, shift[:, :2], ends], -1)
 
 
 def frame_error(frame: Tensor, target: Tensor, ambiguous: bool) -> FrameError:
     """How far (B, 3, 4) predicted frames are from the truth; about the axis 0 where that is ambiguous."""
     R, R_target = orthonormal(frame, ambiguous), orthonormal(target, ambiguous)
     translation = (R.mT @ (target[..., :1] - frame[..., :1]))[..., 0]
+    half_height = target[..., 3].norm(dim=-1) - frame[..., 3].norm(dim=-1)
     if ambiguous:
         z = (R.mT @ R_target[..., 2:])[..., 0]  # true axis seen from the predicted frame
         tilt = torch.stack([-z[:, 1], z[:, 0], torch.zeros_like(z[:, 0])], -1)  # e_z x z
         length = tilt.norm(dim=-1, keepdim=True).clamp(min=1e-6)
-        return FrameError(tilt / length * torch.atan2(length, z[:, 2:]), translation)
-    return FrameError(rotation_vector(R.mT @ R_target), translation)
+        return FrameError(tilt / length * torch.atan2(length, z[:, 2:]), translation, half_height)
+    return FrameError(rotation_vector(R.mT @ R_target), translation, half_height)
 
 
 def orthonormal(frame: Tensor, ambiguous: bool) -> Tensor:
@@ -82,8 +95,8 @@ def sigma_loss(log_sigmas: Tensor, error: FrameError, ambiguous: bool) -> Tensor
     Its tails leave room for the views where the frame is flipped; a normal distribution would spend itself on
     them.
     """
-    errors = torch.cat([error.rotation, error.translation], -1).detach()  # (B, 6)
-    used = [0, 1, 3, 4, 5] if ambiguous else [0, 1, 2, 3, 4, 5]
+    errors = error.components.detach()
+    used = [i for i in range(N_SIGMAS) if i != 2 or not ambiguous]
     log_sigmas = log_sigmas.clamp(-8, 3)
     nll = log_sigmas + 2.5 * torch.log1p((errors * torch.exp(-log_sigmas)).square() / 4)
     return nll[:, used].mean()

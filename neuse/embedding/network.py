@@ -11,11 +11,11 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from neuse.embedding.decoder import Decoder
-from neuse.embedding.encoder import Encoder, EncoderConfig, Encoding
+from neuse.embedding.encoder import N_SIGMAS, Encoder, EncoderConfig, Encoding
 from neuse.embedding.paper_encoder import PaperEncoder, PaperEncoderConfig
 from neuse.errors import WeightsError
 
-FORMAT_VERSION = "1"
+FORMAT_VERSION = "2"
 UNIT_M = 0.1  # network units are decimetres
 
 
@@ -35,7 +35,7 @@ ARCHITECTURES = {
 class Network(nn.Module):
     """f_theta and Phi of one category (NeuSE eq. 2); the type of `config` chooses the architecture.
 
-    sigma_scale: (6,) factors that make the predicted standard deviations right on held-out shapes.
+    sigma_scale: (7,) factors that make the predicted standard deviations right on held-out shapes.
     occupancy_logit: the threshold v_0 as a logit, the one of least surface error on held-out shapes.
     """
 
@@ -49,7 +49,7 @@ class Network(nn.Module):
         self.category, self.ambiguous, self.config = category, ambiguous, config or EncoderConfig()
         self.encoder = ARCHITECTURES[self.architecture].encoder(self.config, ambiguous)
         self.decoder = Decoder(self.config.n_latent)
-        self.register_buffer("sigma_scale", torch.ones(6))
+        self.register_buffer("sigma_scale", torch.ones(N_SIGMAS))
         self.register_buffer("occupancy_logit", torch.zeros(()))
 
     @property

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from neuse.embedding.code import landmark_template
-from neuse.embedding.encoder import Encoding
+from neuse.embedding.encoder import N_SIGMAS, Encoding
 from neuse.embedding.layers import VNLeakyReLU, VNLinear, VNResnetBlock
 
 
@@ -52,7 +52,7 @@ class PaperEncoder(nn.Module):
             v = torch.cat([v, pooled.expand_as(v)], -1)  # (B, M, 3, 2 width)
         z = _with_common_center(self.to_latent(pooled[:, 0]))  # (B, 3, k)
         descriptor = F.normalize(z.norm(dim=1), dim=-1)  # s_i = |z_i|
-        return Encoding(z, self.frame(z), descriptor, z.new_zeros(len(z), 6))
+        return Encoding(z, self.frame(z), descriptor, z.new_zeros(len(z), N_SIGMAS))
 
     def frame(self, z: Tensor) -> Tensor:
         """(B, 3, 4) centre and axes that `Code` reads from the first half of z; they turn with z, no more."""

@@ -111,10 +111,12 @@ def with_log_sigmas(value, category="mug"):
 
 def test_sigmas_are_in_radians_and_metres_and_calibrated():
     embedding = with_log_sigmas(np.log(0.05))
-    embedding.network.sigma_scale.copy_(torch.tensor([1.0, 2.0, 3.0, 1.0, 2.0, 3.0]))
+    embedding.network.sigma_scale.copy_(torch.tensor([1.0, 2.0, 3.0, 1.0, 2.0, 3.0, 1.0]))
     (code,) = embedding.encode([partial_cloud(np.random.default_rng(7), 50)])
-    expected = 0.05 * np.array([1, 2, 3, UNIT_M, 2 * UNIT_M, 3 * UNIT_M])
+    along_axis = np.hypot(3, 1) / 2  # of the middle between top and bottom
+    expected = 0.05 * np.array([1, 2, 3, UNIT_M, 2 * UNIT_M, along_axis * UNIT_M])
     np.testing.assert_allclose(code.sigmas, expected, rtol=1e-5)
+    assert code.height_correlation == pytest.approx((9 - 1) / (9 + 1))
 
 
 @pytest.mark.parametrize("category", ["mug", "bottle"])

@@ -23,7 +23,7 @@ def test_encoding_has_the_documented_shapes(network):
     assert encoding.frame.shape == (3, 3, 4)
     assert encoding.z.shape == (3, 3, CONFIG.n_latent)
     assert encoding.descriptor.shape == (3, CONFIG.n_latent)
-    assert encoding.log_sigmas.shape == (3, 6)
+    assert encoding.log_sigmas.shape == (3, 7)
     torch.testing.assert_close(encoding.descriptor.norm(dim=-1), torch.ones(3))
 
 

@@ -43,11 +43,11 @@ def differentiable(loss, *inputs):
 
 def test_gradients_agree_with_finite_differences():
     target, occupied = normal(3, 3, 4, seed=1), normal(2, 5, seed=2) > 0
-    error = FrameError(normal(4, 3, seed=3), normal(4, 3, seed=4))
+    error = FrameError(normal(4, 3, seed=3), normal(4, 3, seed=4), normal(4, seed=5))
     assert differentiable(lambda frame: frame_loss(frame, target), normal(3, 3, 4))
     assert differentiable(lambda logits: occupancy_loss(logits, occupied), normal(2, 5))
     assert differentiable(lambda s: shape_contrast_loss(F.normalize(s, dim=-1), SHAPES), normal(6, 8))
-    assert differentiable(lambda log_sigmas: sigma_loss(log_sigmas, error, False), normal(4, 6))
+    assert differentiable(lambda log_sigmas: sigma_loss(log_sigmas, error, False), normal(4, 7))
 
 
 def test_frame_loss_is_zero_at_the_truth_with_a_finite_gradient():
@@ -94,6 +94,17 @@ def test_frame_error_of_an_ambiguous_object_is_the_shortest_turn_of_its_axis():
     R_predicted = Rotation.from_matrix(orthonormal(predicted, True).numpy())
     turned = (R_predicted * Rotation.from_rotvec(error)).as_matrix()[..., 2]
     np.testing.assert_allclose(turned, z_target, atol=1e-9)
+
+
+def test_an_end_in_its_place_has_no_error_however_long_the_object_is_taken_for():
+    R, top = Rotation.random(5, random_state=4).as_matrix(), torch.ones(5, 3, 1, dtype=torch.float64)
+    predicted, target = (
+        torch.cat([top - half * torch.from_numpy(R)[..., 2:], half * torch.from_numpy(R)], -1)
+        for half in (0.5, 0.8)
+    )
+    components = frame_error(predicted, target, ambiguous=True).components.numpy()
+    np.testing.assert_allclose(components[:, :6], 0.0, atol=1e-7)
+    np.testing.assert_allclose(components[:, 6], -0.6)  # the bottom is lower than it was thought to be
 
 
 def test_a_turn_about_the_axis_of_an_ambiguous_object_is_no_error():
@@ -164,10 +175,12 @@ def test_separated_descriptors_cost_less_than_mixed_ones():
     assert losses[0] < losses[1] < losses[2]
 
 
-@pytest.mark.parametrize(("ambiguous", "used"), [(False, [0, 1, 2, 3, 4, 5]), (True, [0, 1, 3, 4, 5])])
+@pytest.mark.parametrize(("ambiguous", "used"), [(False, [0, 1, 2, 3, 4, 5, 6]), (True, [0, 1, 3, 4, 5, 6])])
 def test_sigma_loss_is_the_likelihood_of_student_t(ambiguous, used):
-    log_sigmas, errors = normal(5, 6), normal(5, 6, seed=1)
-    error = FrameError(errors[:, :3], errors[:, 3:])
+    log_sigmas, errors = normal(5, 7), normal(5, 7, seed=1)
+    top, bottom = errors[:, 5], errors[:, 6]
+    shift = torch.cat([errors[:, 3:5], (top + bottom)[:, None] / 2], -1)
+    error = FrameError(errors[:, :3], shift, (top - bottom) / 2)
     oracle = -stats.t(df=4, scale=log_sigmas.exp()).logpdf(errors)[:, used].mean()
     constant = stats.t(df=4).logpdf(0.0)  # which the loss leaves out
     assert float(sigma_loss(log_sigmas, error, ambiguous)) == pytest.approx(oracle + constant)
@@ -175,8 +188,8 @@ def test_sigma_loss_is_the_likelihood_of_student_t(ambiguous, used):
 
 def test_sigma_loss_does_not_train_the_frames():
     errors = normal(2, 3).requires_grad_()
-    log_sigmas = normal(2, 6).requires_grad_()
-    sigma_loss(log_sigmas, FrameError(errors, errors), False).backward()
+    log_sigmas = normal(2, 7).requires_grad_()
+    sigma_loss(log_sigmas, FrameError(errors, errors, errors[:, 0]), False).backward()
     assert errors.grad is None
     assert log_sigmas.grad is not None
 
@@ -185,7 +198,7 @@ def test_shipped_losses_train_what_they_should():
     target = frames(Rotation.random(6, random_state=5).as_matrix(), np.zeros((6, 3)))
     nothing = torch.empty(0)
     batch = Batch(nothing, target, SHAPES, nothing, nothing, nothing, nothing)
-    parts = [normal(6, 3, 8), normal(6, 3, 4), normal(6, 8), normal(6, 6)]
+    parts = [normal(6, 3, 8), normal(6, 3, 4), normal(6, 8), normal(6, 7)]
     encoding = Encoding(*(part.requires_grad_() for part in parts))
     losses = shipped_losses(encoding, batch, ambiguous=False)
     assert losses.keys() == {"frame", "shape", "sigma"}

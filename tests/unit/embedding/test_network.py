@@ -30,7 +30,7 @@ def rewrite(path, change_metadata=lambda metadata: None, change_tensors=lambda t
 
 
 def test_saved_weights_come_back_bit_for_bit(network, tmp_path):
-    network.sigma_scale.copy_(torch.arange(1.0, 7.0))
+    network.sigma_scale.copy_(torch.arange(1.0, 8.0))
     network.occupancy_logit.fill_(-0.4)
     save_network(network, tmp_path / "x.safetensors", {})
     loaded = load_network(tmp_path / "x.safetensors", network.category)
