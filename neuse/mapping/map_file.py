@@ -18,7 +18,7 @@ from neuse.mapping.object_library import ObjectLibrary, ObjectRecord, View
 from neuse.records import NO_ID, Intrinsics, ObjectStatus
 
 FORMAT = "neuse-map"
-VERSION = 1
+VERSION = 2
 _UNREADABLE = (
     OSError, EOFError, ValueError, KeyError, AttributeError, RuntimeError, SyntaxError,
     zipfile.BadZipFile, zlib.error,
@@ -151,7 +151,8 @@ def _to_arrays(stored: StoredMap) -> tuple[dict[str, Any], dict[str, np.ndarray]
     arrays: dict[str, np.ndarray] = {}
     for i, known in enumerate(stored.objects):
         scalars = {name: getattr(known, name) for name in _SCALARS}
-        header["objects"].append(scalars | {"ambiguous": bool(known.code.ambiguous)})
+        of_code = {"ambiguous": bool(known.code.ambiguous), "height_correlation": known.code.height_correlation}
+        header["objects"].append(scalars | of_code)
         arrays |= {f"z_{i}": known.code.z, f"descriptor_{i}": known.code.descriptor}
         arrays |= {f"sigmas_{i}": known.code.sigmas, f"points_{i}": known.points}
     header["keyframes"] = [{"tick": k.tick, "intrinsics": asdict(k.intrinsics)} for k in stored.keyframes]
@@ -172,7 +173,8 @@ def _read_object(entry: dict[str, Any], i: int, arrays: dict[str, np.ndarray]) -
     z, points = _checked(arrays[f"z_{i}"], (-1, 3)), _checked(arrays[f"points_{i}"], (-1, 3))
     descriptor, sigmas = _checked(arrays[f"descriptor_{i}"], (-1,)), _checked(arrays[f"sigmas_{i}"], (6,))
     ObjectStatus(entry["status"])
-    code = Code(entry["category"], bool(entry["ambiguous"]), z, descriptor, sigmas)
+    correlation = float(entry["height_correlation"])
+    code = Code(entry["category"], bool(entry["ambiguous"]), z, descriptor, sigmas, correlation)
     return StoredObject(**{name: entry[name] for name in _SCALARS}, code=code, points=points)
 
 

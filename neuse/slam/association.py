@@ -19,7 +19,7 @@ from neuse.params import CheckedParams, param
 from neuse.slam.checks import check_choice
 from neuse.slam.clique import max_weight_clique
 from neuse.slam.layout import Pairs, View, same_directions, same_layout
-from neuse.slam.library import Track, alike_in_place, places_of, similarity
+from neuse.slam.library import Track, alike_in_place, heights_of, places_of, similarity
 from neuse.slam.localization import Belief, to_camera
 from neuse.slam.object_frames import frames_at
 from neuse.slam.registration import align_frames
@@ -182,7 +182,7 @@ def _relocalize(
     clique = max_weight_clique(consistent, pairs.weights, pairs.rows)
     if len(clique) < 3 or _has_rival(clique, consistent, pairs):
         return {}, None
-    T_map_camera = _verified_pose(view, places, pairs.rows[clique], pairs.columns[clique], params)
+    T_map_camera = _verified_pose(view, tracks, pairs.rows[clique], pairs.columns[clique], params)
     found = {int(pairs.rows[v]): int(pairs.columns[v]) for v in clique}
     return (found, T_map_camera) if T_map_camera is not None else ({}, None)
 
@@ -210,11 +210,11 @@ def _has_rival(clique: list[int], consistent: np.ndarray, pairs: Pairs) -> bool:
 
 
 def _verified_pose(
-    view: View, places: Array, rows: np.ndarray, columns: np.ndarray, params: AssociationParams
+    view: View, tracks: Sequence[Track], rows: np.ndarray, columns: np.ndarray, params: AssociationParams
 ) -> Array | None:
-    """T_map_camera that maps the observations onto the places, None unless all fit."""
-    seen = view.frames[rows]
-    known = frames_at(places[:, columns], PLACE_SIGMAS, seen.ambiguous)
+    """T_map_camera that maps the observations onto the places of the tracks, None unless all fit."""
+    seen, matched = view.frames[rows], [tracks[m] for m in columns.tolist()]
+    known = frames_at(places_of(matched), PLACE_SIGMAS, seen.ambiguous, heights_of(matched)[0])
     try:
         alignment = align_frames(seen, known)
     except DegenerateGeometryError:

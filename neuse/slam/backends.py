@@ -10,13 +10,14 @@ from neuse.geometry import Array, inverse
 from neuse.records import Edge, EdgeKind
 from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.library import Track, orthonormal_place
-from neuse.slam.object_frames import ObjectFrames
+from neuse.slam.object_frames import LEAST_SHARE, ObjectFrames
 from neuse.slam.pose_graph import PoseGraph, SlidingWindow, SolverParams
 
-LEVER_M = 0.3  # where axes and handles become points: so far out that their noise is that of the direction
+LEVER_M = 0.3  # where a handle becomes a point: so far out that its noise is that of the direction
 LOOSE_RAD = 1.0  # along directions in which a point on the lever says nothing
+LEAST_HALF_HEIGHT_M = 0.01  # of ends that tell an axis
 MAX_HANDLE_SIGMA_RAD = 0.6  # a handle known no better is hidden
-CENTER, AXIS, HANDLE = range(3)
+TOP, BOTTOM, HANDLE = range(3)
 
 
 class Backend(Protocol):
@@ -63,7 +64,7 @@ class _Base:
 
 
 class LandmarkBackend(_Base):
-    """Objects are points of the graph: the centre, a point on the axis, and one at the handle if it has one.
+    """Objects are points of the graph: top, bottom, and one out along the handle if it has one.
 
     Edges of odometry tie the keyframes; edges from codes are not used, since sightings say the same without
     the errors that all edges of one frame share.
@@ -83,9 +84,10 @@ class LandmarkBackend(_Base):
         index = {int(key): i for i, key in enumerate(record.keys)}
         for track in tracks:
             i = index[track.key]
-            points, covariances = lever_points(record.frames, i)
-            starts = track.place[0] + np.array([0.0, LEVER_M, LEVER_M])[:, None] * track.place
-            starts[CENTER] = track.place[0]
+            points, covariances = landmark_points(record.frames, i)
+            center, axis, handle = track.place
+            half = _half_height(track.half_height) * axis
+            starts = center + half, center - half, center + LEVER_M * handle
             for part in range(2 if _handle_hidden(record.frames, i) else 3):
                 self.graph.add_sighting(
                     record.keyframe_id, 3 * track.key + part, points[part], covariances[part], starts[part]
@@ -94,13 +96,12 @@ class LandmarkBackend(_Base):
     def place_all(self, tracks: Iterable[Track]) -> None:
         points = self.graph.points()
         for track in tracks:
-            if 3 * track.key in points:
-                center, tip = points[3 * track.key], points[3 * track.key + AXIS]
-                handle = points.get(3 * track.key + HANDLE, center + track.place[HANDLE])
-                track.anchored, track.place = (
-                    True,
-                    orthonormal_place(np.stack([center, tip - center, handle - center])),
-                )
+            if 3 * track.key + TOP in points:
+                top, bottom = points[3 * track.key + TOP], points[3 * track.key + BOTTOM]
+                center = (top + bottom) / 2
+                handle = points.get(3 * track.key + HANDLE, center + track.place[2])
+                place = np.stack([center, top - bottom, handle - center])
+                track.anchored, track.place = True, orthonormal_place(place)
 
 
 class EdgeBackend(_Base):
@@ -179,19 +180,30 @@ class _Sightings:
         return {int(key): orthonormal_place(means[:, i]) for i, key in enumerate(known)}
 
 
-def lever_points(frames: ObjectFrames, i: int) -> tuple[Array, Array]:
-    """(3, 3) centre, axis point and handle point of object i, metres, with covariances (3, 3, 3).
+def landmark_points(frames: ObjectFrames, i: int) -> tuple[Array, Array]:
+    """(3, 3) top, bottom and handle point of object i, metres, with covariances (3, 3, 3).
 
-    The axis point tells the tilt, the handle point the turn about the axis; each is loose in the directions
-    that another point tells, so that nothing counts twice.
+    Along the axis each end has a variance of its own: a hidden one is hardly known. Across it both share
+    those of the centre and of the tilt; as these weigh about the same half a height away, the ends err
+    independently. The handle point tells the turn about the axis and is loose otherwise, so that nothing
+    counts twice.
     """
     center, axis, handle = frames.vectors[:, i]
     R = np.stack([handle, np.cross(axis, handle), axis], axis=1)
-    turn_x, turn_y, turn_z, *shifts = frames.sigmas[i] ** 2
-    loose = LOOSE_RAD**2
-    direction = np.array([[0.0, 0.0, 0.0], [turn_y, turn_x, loose], [loose, turn_z, loose]]) * LEVER_M**2
-    points = np.stack([center, center + LEVER_M * axis, center + LEVER_M * handle])
-    return points, np.stack([(R * (np.array(shifts) + along)) @ R.T for along in direction])
+    turn_x, turn_y, turn_z, shift_x, shift_y, shift_z = frames.sigmas[i] ** 2
+    half, correlation = _half_height(frames.half_heights[i]), frames.height_correlations[i]
+    across = shift_x + half**2 * turn_y, shift_y + half**2 * turn_x
+    ends = 2 * shift_z * np.maximum(1 + np.array([correlation, -correlation]), LEAST_SHARE)
+    loose = (LOOSE_RAD * LEVER_M) ** 2
+    variances = np.array(
+        [[*across, ends[0]], [*across, ends[1]], [loose, shift_y + turn_z * LEVER_M**2, loose]]
+    )
+    points = np.stack([center + half * axis, center - half * axis, center + LEVER_M * handle])
+    return points, np.stack([(R * along) @ R.T for along in variances])
+
+
+def _half_height(half_height: float) -> float:
+    return max(float(half_height), LEAST_HALF_HEIGHT_M)
 
 
 def _handle_hidden(frames: ObjectFrames, i: int) -> bool:

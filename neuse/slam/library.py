@@ -46,7 +46,7 @@ class Track:
     key: names it inside the tracker, never used again.    object_id: its public name, NO_ID at first.
     confirmed: it is an object of the map; tentative until then.    in_graph: it constrains keyframes.
     place: (3, 3) centre (metres), unit axis and unit handle in the map frame.    place_weights: (3,) and
-        shape_weight: information in these and in the descriptor.
+        shape_weight: information in these and in the descriptor.    half_height: metres, and height_weight.
     mapped_at, seen_at: (2,) reading of the drift clock (rad^2, m^2) when it was met first and last.
     anchored: the graph says where it stands.
     periods: keyframes of every period of sight, the first and then one every so often.
@@ -69,6 +69,8 @@ class Track:
     in_graph: bool = False
     shape_weight: float = 0.0
     place_weights: Array = field(default_factory=lambda: np.zeros(3))
+    half_height: float = 0.0
+    height_weight: float = 0.0
     anchored: bool = False
     last_keyframe: int = NO_ID
     periods: list[list[int]] = field(default_factory=list)
@@ -89,7 +91,14 @@ class Track:
             self.place_weights = _remembered(self.place_weights) + weights
             share = weights / np.maximum(self.place_weights, 1e-12)
             self.place = orthonormal_place(self.place + share[:, None] * (place - self.place))
+        self.measure(last.frames)
         self.last, self.seen_at, self.last_frame = last, drift, frame_index
+
+    def measure(self, frames: ObjectFrames) -> None:
+        """Take in the height that one sighting shows, (1,) frames."""
+        weight = float(frames.sigmas[0, 5]) ** -2
+        self.height_weight = _remembered(self.height_weight) + weight
+        self.half_height += (float(frames.half_heights[0]) - self.half_height) * weight / self.height_weight
 
     def enter_keyframe(self, keyframe_id: int, gap: int, spacing: int) -> None:
         """Note that a keyframe sees it; more than `gap` keyframes without it end a period of sight."""
@@ -116,6 +125,7 @@ class ObjectLibrary:
         )
         track.shape_weight = 1.0 / shape_noise(code)
         track.place_weights = 1.0 / last.frames.variances[:, 0]
+        track.measure(last.frames)
         self.tracks[track.key] = track
         self._next_key += 1
         return track
@@ -189,6 +199,12 @@ def alike_in_place(
 def places_of(tracks: Sequence[Track]) -> Array:
     """(3, m, 3) places of tracks."""
     return np.array([track.place for track in tracks]).reshape(-1, 3, 3).swapaxes(0, 1)
+
+
+def heights_of(tracks: Sequence[Track]) -> tuple[Array, Array]:
+    """(m,) half heights of tracks, metres, and their variances, m^2."""
+    heights = np.array([track.half_height for track in tracks])
+    return heights, 1.0 / np.array([track.height_weight for track in tracks])
 
 
 def drift_between(tracks: Sequence[Track], now: Array) -> Array:

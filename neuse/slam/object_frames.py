@@ -6,7 +6,7 @@ directions are kept: the lengths shrink when the encoder is unsure, which the pr
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from neuse.embedding.code import Code, landmark_template
 from neuse.errors import InputError
 from neuse.geometry import Array
 from neuse.params import CheckedParams, param
+
+LEAST_SHARE = 0.01  # of a variance along the axis that stays, whatever the height says
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,8 @@ class ObjectFrames:
     noise: (3, n, 3, 6) square root of the covariance of `vectors`: a column for each of the object's sigmas.
     variances: (3, n) mean variance of `vectors` along one axis: m^2, rad^2, rad^2 (infinite where ambiguous).
     sigmas: (n, 6) rotation first (rad, m), on the object's axes.    ambiguous: (n,) bool.
+    half_heights: (n,) metres, as uncertain as the centres along the axes, and height_correlations: (n,) with
+        those (see Code): where one end is hidden, the centre is wrong by as much as half the height.
     """
 
     vectors: Array
@@ -41,6 +45,8 @@ class ObjectFrames:
     variances: Array
     sigmas: Array
     ambiguous: np.ndarray
+    half_heights: Array
+    height_correlations: Array
 
     def __len__(self) -> int:
         return len(self.sigmas)
@@ -54,12 +60,27 @@ class ObjectFrames:
             self.variances[:, index],
             self.sigmas[index],
             self.ambiguous[index],
+            self.half_heights[index],
+            self.height_correlations[index],
         )
 
     def scaled(self, factor: float) -> "ObjectFrames":
         """The same frames with sigmas times `factor`."""
         noise, variances = factor * self.noise, factor**2 * self.variances
-        return ObjectFrames(self.vectors, noise, variances, factor * self.sigmas, self.ambiguous)
+        return replace(self, noise=noise, variances=variances, sigmas=factor * self.sigmas)
+
+    def given_heights(self, half_heights: Array, variances: Array) -> "ObjectFrames":
+        """What is known of the centres once the half heights (n,) are known, with variances (n,) m^2.
+
+        The end that is seen stays where it is; what the height says of the other end moves the centre.
+        """
+        square = self.sigmas[:, 5] ** 2
+        gains = self.height_correlations * square / (square + variances)  # of the conditional distribution
+        vectors, sigmas = self.vectors.copy(), self.sigmas.copy()
+        vectors[0] += (gains * (half_heights - self.half_heights))[:, None] * self.axes
+        sigmas[:, 5] *= np.sqrt(np.maximum(1.0 - gains * self.height_correlations, LEAST_SHARE))
+        correlations = np.zeros(len(self))  # all that the height can say has been said
+        return _frames(vectors, sigmas, self.ambiguous, half_heights, correlations)
 
     @property
     def centers(self) -> Array:
@@ -76,7 +97,7 @@ def reduce_codes(codes: Sequence[Code], params: SigmaParams | None = None) -> Ob
     """The object frames of codes that lie in one frame.
 
     Raises:
-        InputError: a code has non-finite numbers, or sigmas that are not positive.
+        InputError: a code has non-finite numbers, sigmas that are not positive, or no correlation in [-1, 1].
     """
     params = params or SigmaParams()
     for code in codes:
@@ -88,12 +109,14 @@ def reduce_codes(codes: Sequence[Code], params: SigmaParams | None = None) -> Ob
     floor = np.repeat([params.rotation_floor_rad, params.translation_floor_m], 3)
     predicted = np.array([code.sigmas for code in codes], dtype=np.float64).reshape(-1, 6)
     sigmas = np.hypot(params.scale * predicted, floor)
-    return _frames(vectors, sigmas, ambiguous)
+    correlations = np.array([code.height_correlation for code in codes], dtype=np.float64)
+    return _frames(vectors, sigmas, ambiguous, np.linalg.norm(scaled_axes[:, :, 2], axis=1), correlations)
 
 
-def frames_at(vectors: Array, sigmas: Array, ambiguous: np.ndarray) -> ObjectFrames:
-    """Object frames at known places: vectors (3, n, 3), the same (6,) sigmas for all."""
-    return _frames(vectors, np.tile(sigmas, (vectors.shape[1], 1)), ambiguous)
+def frames_at(vectors: Array, sigmas: Array, ambiguous: np.ndarray, half_heights: Array) -> ObjectFrames:
+    """Object frames at known places: vectors (3, n, 3), the same (6,) sigmas for all, half heights (n,)."""
+    n = vectors.shape[1]
+    return _frames(vectors, np.tile(sigmas, (n, 1)), ambiguous, half_heights, np.zeros(n))
 
 
 def join_frames(parts: Sequence[ObjectFrames]) -> ObjectFrames:
@@ -104,13 +127,16 @@ def join_frames(parts: Sequence[ObjectFrames]) -> ObjectFrames:
         np.concatenate([part.variances for part in parts], axis=1),
         np.concatenate([part.sigmas for part in parts]),
         np.concatenate([part.ambiguous for part in parts]),
+        np.concatenate([part.half_heights for part in parts]),
+        np.concatenate([part.height_correlations for part in parts]),
     )
 
 
 def is_usable(code: Code) -> bool:
-    """Whether every number of the code is finite and its sigmas are positive."""
+    """Whether every number of the code is finite, its sigmas are positive, and the correlation is one."""
     numbers_finite = np.isfinite(code.z).all() and np.isfinite(code.descriptor).all()
-    return bool(numbers_finite and np.isfinite(code.sigmas).all() and (code.sigmas > 0).all())
+    sigmas_sound = np.isfinite(code.sigmas).all() and (code.sigmas > 0).all()
+    return bool(numbers_finite and sigmas_sound and abs(code.height_correlation) <= 1.0)
 
 
 def skews(vectors: Array) -> Array:
@@ -122,18 +148,21 @@ def skews(vectors: Array) -> Array:
     return K - K.swapaxes(-1, -2)
 
 
-def _frames(vectors: Array, sigmas: Array, ambiguous: np.ndarray) -> ObjectFrames:
+def _frames(
+    vectors: Array, sigmas: Array, ambiguous: np.ndarray, half_heights: Array, correlations: Array
+) -> ObjectFrames:
     square = sigmas**2
     handles = np.where(ambiguous, np.inf, square[:, 2])
     variances = np.stack([square[:, 3:].mean(axis=1), square[:, :2].mean(axis=1), handles])
-    return ObjectFrames(vectors, _noise(vectors, sigmas), variances, sigmas, ambiguous)
+    noise = _noise(vectors, sigmas)
+    return ObjectFrames(vectors, noise, variances, sigmas, ambiguous, half_heights, correlations)
 
 
 def _check(code: Code) -> None:
     if not is_usable(code):
         raise InputError(
             "code_not_finite",
-            f"code of a {code.category} has NaN, infinite or non-positive numbers; drop this observation",
+            f"code of a {code.category} has NaN, infinite or impossible numbers; drop this observation",
         )
 
 

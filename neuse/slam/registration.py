@@ -14,6 +14,7 @@ LEVER_M = 0.05  # at which directions count as points in `residual_m`: about hal
 GRADUATION = (64.0, 8.0, 3.0, 3.0, 3.0)  # Cauchy scales in sigmas: from all alike down to the robust answer
 INLIER_SIGMAS = 6.0
 PRIOR_DOF = 6.0  # how much the predicted sigmas count beside the residuals of the very alignment
+MAX_LEAN = 0.99  # to the end of an object that is better known
 MAX_SIGMA_RAD = 1.0  # a rotation known no better than this is not determined
 
 
@@ -92,7 +93,7 @@ def align_each(a: ObjectFrames, others: Sequence[tuple[np.ndarray, ObjectFrames]
     if not others:
         return []
     b = _stack(a, others)
-    trusted = np.where(b.known[:, None], 1.0 / (a.variances + b.variances), 0.0)
+    trusted = np.where(b.known[:, None], 1.0 / b.variances, 0.0)
     weights = trusted
     for scale in GRADUATION:
         T_b_a = _horn(a.vectors, b.vectors, weights)
@@ -101,7 +102,7 @@ def align_each(a: ObjectFrames, others: Sequence[tuple[np.ndarray, ObjectFrames]
         weights = trusted / (1 + square_errors / scale**2)
     inliers = b.known & (square_errors[:, :2] < INLIER_SIGMAS**2).all(axis=1)
     residuals_m = _residuals_m(differences, weights, inliers)
-    covariances = _covariances(T_b_a, a, b.noise, weights)
+    covariances = _covariances(T_b_a, a, b, weights)
     misfits = _misfits(square_errors, b.known, a.ambiguous)
     return [
         None
@@ -113,11 +114,17 @@ def align_each(a: ObjectFrames, others: Sequence[tuple[np.ndarray, ObjectFrames]
 
 @dataclass(frozen=True)
 class _Views:
-    """Several views, filled up to the n objects of the first: vectors (B, 3, n, 3), known (B, n) ..."""
+    """Several views b, filled up to the n objects of the view a.
+
+    vectors: (B, 3, n, 3), centres where heights agree with those in a.    noise: (B, 3, n, 3, 6) of b.
+    variances: (B, 3, n) of differences to a.    axial: (B, n) share of the standard deviation along the axis
+    that heights leave.    known: (B, n) bool.
+    """
 
     vectors: Array
     noise: Array
     variances: Array
+    axial: Array
     known: np.ndarray
 
 
@@ -125,10 +132,32 @@ def _stack(a: ObjectFrames, others: Sequence[tuple[np.ndarray, ObjectFrames]]) -
     shape = (len(others), 3, len(a))
     vectors, noise = np.zeros((*shape, 3)), np.zeros((*shape, 3, 6))
     variances, known = np.ones(shape), np.zeros((len(others), len(a)), dtype=bool)
+    axial = np.ones((len(others), len(a)))
     for i, (index, frames) in enumerate(others):
+        shifts, gone, axial[i, index] = _agreed_heights(a[index], frames)
         vectors[i, :, index], noise[i, :, index] = frames.vectors.swapaxes(0, 1), frames.noise.swapaxes(0, 1)
-        variances[i, :, index], known[i, index] = frames.variances.T, True
-    return _Views(vectors, noise, variances, known)
+        vectors[i, 0, index] += shifts
+        variances[i, :, index], known[i, index] = (a.variances[:, index] + frames.variances).T, True
+        variances[i, 0, index] -= gone / 3.0
+    return _Views(vectors, noise, variances, axial, known)
+
+
+def _agreed_heights(a: ObjectFrames, b: ObjectFrames) -> tuple[Array, Array, Array]:
+    """What it says of the centres that both views see objects of the same heights.
+
+    Where the top is hidden in one view and the bottom in the other, or either in one, the ends that both see
+    tell the shift along the axis: the differences of tops and of bottoms, weighted by their variances.
+
+    Returns:
+        (n, 3) shifts of the centres in b, (n,) variance along the axes that goes, and the share of the
+        standard deviation that stays.
+    """
+    square_a, square_b = a.sigmas[:, 5] ** 2, b.sigmas[:, 5] ** 2
+    square = square_a + square_b
+    lean = -(a.height_correlations * square_a + b.height_correlations * square_b) / square
+    lean = np.clip(lean, -MAX_LEAN, MAX_LEAN)
+    shifts = (lean * (b.half_heights - a.half_heights))[:, None] * b.axes
+    return shifts, lean**2 * square, np.sqrt(1.0 - lean**2)
 
 
 def _check_pairs(codes_a: Sequence[Code], codes_b: Sequence[Code]) -> None:
@@ -191,13 +220,14 @@ def jacobian(vectors: Array) -> Array:
     return J
 
 
-def _covariances(T_b_a: Array, a: ObjectFrames, noise_b: Array, weights: Array) -> list[Array | None]:
+def _covariances(T_b_a: Array, a: ObjectFrames, b: _Views, weights: Array) -> list[Array | None]:
     """(6, 6) covariances of weighted least squares for predicted sigmas; None where a rotation is free."""
     J, B, n = jacobian(a.vectors), len(weights), len(a)
     weighted = weights[..., None, None] * J  # (B, 3, n, 3, 6)
     H = weighted.reshape(B, -1, 6).swapaxes(1, 2) @ J.reshape(-1, 6)
-    noise_a = np.broadcast_to(a.noise, noise_b.shape)
-    noise = np.concatenate([noise_a, T_b_a[:, None, None, :3, :3].swapaxes(-1, -2) @ noise_b], axis=-1)
+    noise_a = np.broadcast_to(a.noise, b.noise.shape)
+    noise = np.concatenate([noise_a, T_b_a[:, None, None, :3, :3].swapaxes(-1, -2) @ b.noise], axis=-1)
+    noise[..., [5, 11]] *= b.axial[:, None, :, None, None]
     gains = weighted.transpose(0, 2, 4, 1, 3).reshape(B, n, 6, 9)
     G = gains @ noise.transpose(0, 2, 1, 3, 4).reshape(B, n, 9, 12)  # (B, n, 6, 12)
     spread = (G @ G.swapaxes(-1, -2)).sum(axis=1)

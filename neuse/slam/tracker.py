@@ -25,6 +25,7 @@ from neuse.slam.library import (
     ObjectLibrary,
     Track,
     drift_between,
+    heights_of,
     places_of,
     similarity,
     unlikeness,
@@ -160,8 +161,9 @@ class ObjectTracker:
         used = self._used(view, tracks)
         if not used:
             return prediction
-        places = places_of([track for i in used if (track := tracks[i]) is not None])
-        return localize(view.frames[used], places, prediction, start)
+        known = [track for i in used if (track := tracks[i]) is not None]
+        seen = view.frames[used].given_heights(*heights_of(known))
+        return localize(seen, places_of(known), prediction, start)
 
     def _used(self, view: View, tracks: Sequence[Track | None]) -> list[int]:
         """Observations that may constrain the pose."""

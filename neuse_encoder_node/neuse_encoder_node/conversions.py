@@ -79,6 +79,7 @@ def code_to_msg(code: Code) -> CodeMsg:
         z=floats("d", code.z),
         descriptor=floats("d", code.descriptor),
         sigmas=np.asarray(code.sigmas, dtype=np.float64),
+        height_correlation=float(code.height_correlation),
     )
 
 
@@ -95,7 +96,8 @@ def code_from_msg(message: CodeMsg) -> Code:
     z = np.array(message.z, dtype=np.float64).reshape(k, 3)
     descriptor = np.array(message.descriptor, dtype=np.float64)
     sigmas = np.array(message.sigmas, dtype=np.float64)
-    return Code(message.category, bool(message.ambiguous), z, descriptor, sigmas)
+    correlation = float(message.height_correlation)
+    return Code(message.category, bool(message.ambiguous), z, descriptor, sigmas, correlation)
 
 
 def observation_to_msg(observation: Observation) -> ObjectObservation:

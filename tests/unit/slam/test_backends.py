@@ -1,12 +1,14 @@
 """What the graph is given, in both modes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from neuse.errors import SolverError
 from neuse.geometry import exp, inverse
 from neuse.records import Edge, EdgeKind
-from neuse.slam.backends import LEVER_M, EdgeBackend, LandmarkBackend, lever_points
+from neuse.slam.backends import LEVER_M, EdgeBackend, LandmarkBackend, landmark_points
 from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.object_frames import SigmaParams, reduce_codes
 from neuse.slam.pose_graph import SlidingWindow, SolverParams
@@ -97,26 +99,34 @@ def test_uncertainty_grows_along_odometry(scene):
     assert backend.covariance(5)[3, 3] > backend.covariance(1)[3, 3] > backend.covariance(0)[3, 3]
 
 
-def test_lever_points_lie_on_axis_and_handle(scene):
+def test_landmark_points_are_the_ends_and_lie_along_the_handle(scene):
     frames = record(scene, 0).frames
-    points, _ = lever_points(frames, 0)
-    np.testing.assert_allclose(points[1] - points[0], LEVER_M * frames.axes[0], atol=1e-12)
-    np.testing.assert_allclose(points[2] - points[0], LEVER_M * frames.vectors[2, 0], atol=1e-12)
+    points, _ = landmark_points(frames, 0)
+    half = frames.half_heights[0] * frames.axes[0]
+    np.testing.assert_allclose(points[:2] - frames.centers[0], [half, -half], atol=1e-12)
+    np.testing.assert_allclose(points[2] - frames.centers[0], LEVER_M * frames.vectors[2, 0], atol=1e-12)
 
 
-def test_covariances_of_lever_points_hold_each_sigma_once(scene):
+@pytest.mark.parametrize("correlation", [-0.6, 0.0, 0.9])
+def test_covariances_of_ends_are_those_of_centre_tilt_and_height(scene, correlation):
     thing = scene.things[0]
     code = make_code(thing, np.eye(4), SIGMAS)  # object axes are camera axes
-    _, covariances = lever_points(reduce_codes([code], SigmaParams(1.0, 0.0, 0.0)), 0)
-    shifts, loose = SIGMAS[3:] ** 2, LEVER_M**2
-    turns = LEVER_M**2 * SIGMAS[:3] ** 2
-    np.testing.assert_allclose(covariances[0], np.diag(shifts), atol=1e-15)
-    np.testing.assert_allclose(
-        covariances[1], np.diag(shifts) + np.diag([turns[1], turns[0], loose]), atol=1e-15
-    )
-    np.testing.assert_allclose(
-        covariances[2], np.diag(shifts) + np.diag([loose, turns[2], loose]), atol=1e-15
-    )
+    code = replace(code, height_correlation=correlation)
+    frames = reduce_codes([code], SigmaParams(1.0, 0.0, 0.0))
+    _, covariances = landmark_points(frames, 0)
+    turns, shifts = SIGMAS[:3] ** 2, SIGMAS[3:] ** 2
+    across = shifts[:2] + frames.half_heights[0] ** 2 * turns[1::-1]
+    along = shifts[2] * np.array([[1, correlation], [correlation, 1]])  # of centre and half height
+    for end, covariance in zip([(1, 1), (1, -1)], covariances[:2], strict=True):
+        expected = np.diag([*across, np.array(end) @ along @ end])
+        np.testing.assert_allclose(covariance, expected, atol=1e-15)
+
+
+def test_handle_point_tells_the_turn_about_the_axis_alone(scene):
+    code = make_code(scene.things[0], np.eye(4), SIGMAS)
+    _, covariances = landmark_points(reduce_codes([code], SigmaParams(1.0, 0.0, 0.0)), 0)
+    turn = SIGMAS[4] ** 2 + LEVER_M**2 * SIGMAS[2] ** 2
+    np.testing.assert_allclose(covariances[2], np.diag([LEVER_M**2, turn, LEVER_M**2]), atol=1e-15)
 
 
 def test_hidden_handles_and_bottles_give_no_handle_point(scene):

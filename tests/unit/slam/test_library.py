@@ -91,12 +91,15 @@ def test_place_is_averaged_until_the_graph_knows_better(scene):
 
 def test_poor_sighting_hardly_moves_a_well_known_place(scene):
     track = scene.tracks[0]
+    before = track.half_height
     poor = replace(
-        track.last, frames=frames_at(track.last.frames.vectors, np.full(6, 0.3), np.array([False]))
+        track.last,
+        frames=frames_at(track.last.frames.vectors, np.full(6, 0.3), np.array([False]), np.array([0.3])),
     )
     code = view_of(scene.things).codes[0]
     track.see(code, track.place + np.array([[0.1, 0, 0], [0, 0, 0], [0, 0, 0]]), poor, np.ones(2), 1)
     assert 0.0 < track.place[0, 0] < 0.001
+    assert track.half_height == pytest.approx(before, abs=0.001)
 
 
 @pytest.mark.parametrize(("sigma_m", "noise"), [(1e-6, 0.004), (0.006, 0.044), (0.1, 0.05)])

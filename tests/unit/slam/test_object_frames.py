@@ -1,6 +1,6 @@
 """Reduction of codes to object frames."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -67,13 +67,42 @@ def test_codes_of_different_size_reduce_together(codes):
 def test_joining_parts_undoes_taking_them_apart(codes):
     frames = reduce_codes(codes)
     joined = join_frames([frames[[0, 1]], frames[np.array([False, False, True, True])]])
-    for name in ("vectors", "noise", "variances", "sigmas", "ambiguous"):
+    for name in (field.name for field in fields(frames)):
         np.testing.assert_array_equal(getattr(joined, name), getattr(frames, name))
+
+
+def half_hidden(code, correlation, error_m):
+    """A code whose half height is wrong by error_m, with the centre as the correlation says."""
+    moved = np.eye(4)
+    axis = code.T_frame_object[:3, 2]
+    moved[:3, 3] = correlation * error_m * axis
+    stretched = code.z + error_m / code.half_height * ((code.z - code.center) @ axis)[:, None] * axis
+    return replace(code, z=stretched, height_correlation=correlation).transformed(moved)
+
+
+@pytest.mark.parametrize("correlation", [-1.0, 1.0])
+def test_an_end_that_is_seen_tells_the_centre_once_the_height_is_known(codes, correlation):
+    true = reduce_codes(codes)
+    wrong = reduce_codes([half_hidden(code, correlation, 0.03) for code in codes])
+    assert np.abs(wrong.centers - true.centers).max() > 0.01
+    told = wrong.given_heights(true.half_heights, np.zeros(4))
+    np.testing.assert_allclose(told.centers, true.centers, atol=1e-12)
+    assert (told.sigmas[:, 5] < 0.2 * wrong.sigmas[:, 5]).all()
+    np.testing.assert_array_equal(told.sigmas[:, :5], wrong.sigmas[:, :5])
+
+
+def test_heights_that_are_not_known_or_tell_nothing_move_no_centre(codes):
+    wrong = reduce_codes([half_hidden(code, -1.0, 0.03) for code in codes])
+    other = wrong.half_heights + 0.05
+    np.testing.assert_allclose(wrong.given_heights(other, np.full(4, 1e9)).centers, wrong.centers, atol=1e-9)
+    free = reduce_codes(codes)
+    np.testing.assert_array_equal(free.given_heights(other, np.zeros(4)).centers, free.centers)
+    np.testing.assert_allclose(free.given_heights(other, np.zeros(4)).sigmas, free.sigmas)
 
 
 def test_frames_at_places_have_the_given_sigmas(codes):
     frames = reduce_codes(codes)
-    placed = frames_at(frames.vectors, SIGMAS, frames.ambiguous)
+    placed = frames_at(frames.vectors, SIGMAS, frames.ambiguous, frames.half_heights)
     np.testing.assert_array_equal(placed.sigmas, np.tile(SIGMAS, (4, 1)))
 
 

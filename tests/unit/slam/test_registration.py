@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from neuse.errors import DegenerateGeometryError, InputError
-from neuse.geometry import exp, inverse, log
+from neuse.geometry import exp, inverse, log, transform_points
 from neuse.slam.object_frames import SigmaParams, reduce_codes
 from neuse.slam.registration import _horn, align, align_each, align_frames
 
@@ -88,6 +88,58 @@ def test_covariance_predicts_the_error(kinds):
         error = log(inverse(alignment.T_b_a) @ T_b_a)
         nees.append(error @ np.linalg.solve(alignment.covariance, error))
     assert 4.8 < np.mean(nees) < 7.5
+
+
+def with_ends(codes, top_m, bottom_m, rng):
+    """Codes whose ends err on their own, with standard deviations (n,) of tops and of bottoms, and say so."""
+    made = []
+    for code, *sigmas in zip(codes, top_m, bottom_m, strict=True):
+        top, bottom = sigmas * rng.normal(size=2)
+        square = np.square(sigmas)
+        axis = code.T_frame_object[:3, 2]
+        along = (code.z - code.center) @ axis
+        z = code.z + ((top + bottom) / 2 + along * (top - bottom) / 2 / code.half_height)[:, None] * axis
+        own = np.array([*code.sigmas[:5], np.sqrt(square.sum()) / 2])
+        correlation = float((square[0] - square[1]) / square.sum())
+        made.append(replace(code, z=z, sigmas=own, height_correlation=correlation))
+    return made
+
+
+def test_covariance_predicts_the_error_where_ends_are_hidden():
+    rng = np.random.default_rng(12)
+    nees, shifts_m, blind_m = [], [], []
+    still = np.array([1, 1, 1, 1, 1, 0])  # along the axis the ends err
+    for _ in range(150):
+        objects, T_b_a = things(rng, "mbb"), random_motion(rng)
+        a, b = (
+            with_ends(
+                codes_of(objects, T, rng, still * MUG_SIGMAS),
+                *rng.choice([0.002, 0.03], size=(2, 3)),
+                rng,
+            )
+            for T in (None, T_b_a)
+        )
+        alignment = align(a, b, AS_PREDICTED)
+        error = log(inverse(alignment.T_b_a) @ T_b_a)
+        nees.append(error @ np.linalg.solve(alignment.covariance, error))
+        unaware = [[replace(code, height_correlation=0.0) for code in codes] for codes in (a, b)]
+        blind = align(*unaware, AS_PREDICTED)
+        middle = np.append(np.mean([thing.T_world_object[:3, 3] for thing in objects], axis=0), 1.0)
+        shifts_m.append(np.linalg.norm((alignment.T_b_a - T_b_a) @ middle))
+        blind_m.append(np.linalg.norm((blind.T_b_a - T_b_a) @ middle))
+    assert 4.5 < np.median(nees) < 7.0
+    assert np.median(shifts_m) < 0.85 * np.median(blind_m)
+
+
+def test_an_end_that_both_views_see_tells_where_a_bottle_is():
+    rng = np.random.default_rng(13)
+    objects, T_b_a = things(rng, "bb"), random_motion(rng)
+    whole = codes_of(objects, sigmas=0.1 * BOTTLE_SIGMAS)
+    cut = with_ends(codes_of(objects, T_b_a), [0.0, 0.0], [0.05, 0.05], rng)  # bottoms hidden
+    centers = transform_points(T_b_a, np.stack([code.center for code in whole]))
+    assert np.linalg.norm(centers - [code.center for code in cut], axis=1).max() > 0.01
+    found = transform_points(align(whole, cut).T_b_a, np.stack([code.center for code in whole]))
+    assert np.linalg.norm(centers - found, axis=1).max() < 0.001
 
 
 def test_larger_sigmas_give_a_larger_covariance():
