@@ -5,7 +5,8 @@ from typing import Any
 from neuse.params import build
 from neuse.pipeline import PipelineParams
 
-PAPER = {"slam.mode": "edges", "slam.odometry.use": "blind"}
+CODES_ALONE = {"slam.refinement.lags": 0}
+PAPER = {"slam.mode": "edges", "slam.odometry.use": "blind"} | CODES_ALONE
 MUGS = {"slam.use_ambiguous": False}
 NEVER_S = 1e9
 OPEN_GATES = {
@@ -28,6 +29,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "paper-no-proximity": PAPER
     | {"slam.association.method": "nearest", "slam.association.delta_prox_m": 1.0},
     "full-odometry-when-blind": {"slam.odometry.use": "blind"},
+    "full-no-refinement": CODES_ALONE,
     "full-no-feedback": {"feedback_delay_s": NEVER_S},
 }
 

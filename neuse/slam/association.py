@@ -25,7 +25,8 @@ from neuse.slam.object_frames import frames_at
 from neuse.slam.registration import align_frames
 
 GATE_SIGMAS = 3.0
-JOINT_GATE_SIGMAS = 5.0  # several objects that agree may lie further off than one alone
+PLACE_GATE_SIGMAS = 4.0  # in three dimensions one in a thousand lies further off, and 3 in a hundred beyond 3
+JOINT_GATE_SIGMAS = 6.0  # several objects that agree may lie further off than one alone
 PLACE_SIGMAS = np.array(
     [0.02, 0.02, 0.1, 0.005, 0.005, 0.005]
 )  # of the library's objects, as ObjectFrames.sigmas
@@ -46,11 +47,11 @@ class AssociationParams(CheckedParams):
         0.03, "place gate for a perfectly known camera pose, metres (paper: 0.03)", 0.001, 1.0
     )
     max_gate_m: float = param(1.0, "the place gate opens no wider, metres", 0.01, 100.0)
-    alone_gate_m: float = param(0.2, "up to this gate one object may match alone, metres", 0.0, 100.0)
+    alone_gate_m: float = param(0.25, "up to this gate one object may match alone, metres", 0.0, 100.0)
     open_gate_m: float = param(
         0.1, "an object that drift may have moved further does not match by its nearness, metres", 0.0, 100.0
     )
-    pair_gate_m: float = param(0.6, "up to this gate two objects may match together, metres", 0.0, 100.0)
+    pair_gate_m: float = param(0.8, "up to this gate two objects may match together, metres", 0.0, 100.0)
     clique_tolerance_m: float = param(0.02, "two distances are equal within this, metres", 0.001, 1.0)
     clique_tolerance_rad: float = param(
         0.35, "two angles between axes are equal within this, rad", 0.01, 3.15
@@ -125,7 +126,7 @@ def _tracked_pairs(
     square_range = square_ranges(view)[:, None]
     variances = drift[None, :, 1] + drift[None, :, 0] * square_range + view.frames.variances[0][:, None]
     wide_m = np.minimum(params.delta_prox_m + JOINT_GATE_SIGMAS * np.sqrt(variances), params.max_gate_m)
-    gates_m = np.minimum(params.delta_prox_m + GATE_SIGMAS * np.sqrt(variances), params.max_gate_m)
+    gates_m = np.minimum(params.delta_prox_m + PLACE_GATE_SIGMAS * np.sqrt(variances), params.max_gate_m)
     gates_m = np.where(offsets_m <= gates_m, gates_m, np.inf)
     pair = rows, columns = np.nonzero(alike & (offsets_m <= wide_m))
     nearness = 1.0 - offsets_m[pair] / wide_m[pair]

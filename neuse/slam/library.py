@@ -101,10 +101,13 @@ class Track:
         self.half_height += (float(frames.half_heights[0]) - self.half_height) * weight / self.height_weight
 
     def enter_keyframe(self, keyframe_id: int, gap: int, spacing: int) -> None:
-        """Note that a keyframe sees it; more than `gap` keyframes without it end a period of sight."""
+        """Note that a keyframe sees it; more than `gap` keyframes without it end a period of sight.
+
+        After the first of a period, every `spacing`th of all keyframes counts: objects share such keyframes.
+        """
         if self.last_keyframe == NO_ID or keyframe_id - self.last_keyframe > gap:
             self.periods.append([keyframe_id])
-        elif keyframe_id - self.periods[-1][-1] >= spacing:
+        elif keyframe_id % spacing == 0:
             self.periods[-1].append(keyframe_id)
         self.last_keyframe = keyframe_id
 

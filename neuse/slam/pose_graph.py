@@ -189,6 +189,7 @@ def _isam_params(params: SolverParams) -> gtsam.ISAM2Params:
     isam_params = gtsam.ISAM2Params()
     isam_params.setRelinearizeThreshold(params.relinearize_m_rad)
     isam_params.relinearizeSkip = params.relinearize_every
+    isam_params.setFactorization("QR")  # sigmas span five decades, too many for Cholesky's squares
     return isam_params
 
 

@@ -1,7 +1,7 @@
 """Object SLAM: codes and odometry in; camera poses, matched objects and graph edges out (NeuSE IV-A to C)."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -36,6 +36,7 @@ from neuse.slam.object_frames import SigmaParams, is_usable, reduce_codes
 from neuse.slam.odometry import OdometryFix, OdometryParams
 from neuse.slam.pose_graph import SolverParams
 from neuse.slam.prediction import Predictor
+from neuse.slam.refinement import RefinementParams, Refiner
 from neuse.slam.tracker import Located, ObjectTracker
 from neuse.stopwatch import Stopwatch
 
@@ -60,6 +61,7 @@ class SlamParams(CheckedParams):
     instantiation: InstantiationParams = field(default_factory=InstantiationParams)
     keyframes: KeyframeParams = field(default_factory=KeyframeParams)
     edges: EdgeParams = field(default_factory=EdgeParams)
+    refinement: RefinementParams = field(default_factory=RefinementParams)
     odometry: OdometryParams = field(default_factory=OdometryParams)
     solver: SolverParams = field(default_factory=SolverParams)
 
@@ -87,6 +89,7 @@ class ObjectSlam:
         self._predictor = Predictor(params.odometry, self.counters)
         self._keyframes = KeyframeLibrary(params.keyframes)
         self._edges = EdgeBuilder(params.edges)
+        self._refiner = Refiner(params.refinement)
         self._backend = _backend(params)
         self._last_stamp_ns: int | None = None
 
@@ -111,7 +114,13 @@ class ObjectSlam:
         rejected_before = self._edges.rejected
         keyframe = bool(fresh) or located.relocalized or self._keyframes.is_due(located.belief.T_map_camera)
         if keyframe:
-            edges = self._add_keyframe(self._record(frame.stamp_ns, view, tracks, fix), located)
+            record = self._record(frame.stamp_ns, view, tracks, fix)
+            clouds = {
+                track.key: frame.observations[i].cloud
+                for i, track in zip(usable, tracks, strict=True)
+                if track is not None and track.key in record.keys
+            }
+            edges = self._add_keyframe(record, clouds, located)
         self._predictor.settle(fix, self._tracker.belief)
         self._keyframes.add_frame(frame.stamp_ns, self._tracker.belief.T_map_camera)
         return TrackedFrame(
@@ -204,7 +213,9 @@ class ObjectSlam:
         keys = np.array([track.key for i in rows if (track := tracks[i]) is not None], dtype=np.intp)
         return KeyframeRecord(len(self._keyframes.records), stamp_ns, keys, view.frames[rows], fix)
 
-    def _add_keyframe(self, record: KeyframeRecord, located: Located) -> list[Edge]:
+    def _add_keyframe(
+        self, record: KeyframeRecord, clouds: Mapping[int, np.ndarray], located: Located
+    ) -> list[Edge]:
         """Extend the graph by a keyframe and solve it; returns its edges that are worth publishing."""
         records, tracks, params = self._keyframes.records, self._tracker.library.tracks, self.params.edges
         well_seen = record.frames.variances[0] <= params.period_sigma_m**2
@@ -215,10 +226,12 @@ class ObjectSlam:
             T_olds_new = inverse(self._keyframes.T_map_camera) @ self._tracker.belief.T_map_camera
             short_range = self._edges.short_range(record, records, tracks, T_olds_new)
             closures = self._edges.loop_closures(record, records, tracks)
+            refined = self._refiner.edges(record, clouds, T_olds_new)
         odometry, guessed = self._predictor.edge(records[-1] if records else None, record, short_range)
         self._backend.add_keyframe(
             record, self._tracker.belief.T_map_camera, [*odometry, *guessed, *short_range], closures
         )
+        self._backend.add_external(refined)
         self._add_sightings(record, entering)
         records.append(record)
         with self.stopwatch.timed("optimise"):

@@ -1,0 +1,106 @@
+"""Refinement: what two near keyframes see of the same objects, registered surface to surface (GICP).
+
+Codes tell where an object is from any side, but err by some millimetres that depend on the view. From frame
+to frame the observed surfaces overlap, and registering them tells the motion more finely. One object alone
+does not, since it may turn within its own surface.
+"""
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import small_gicp
+
+from neuse.geometry import Array
+from neuse.params import CheckedParams, param
+from neuse.records import Edge, EdgeKind
+from neuse.slam.checks import is_covariance
+from neuse.slam.keyframes import KeyframeRecord
+
+RESOLUTION_M = 0.002  # points nearer to each other than this are one
+MAX_ITERATIONS = 20
+MIN_INLIER_SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class RefinementParams(CheckedParams):
+    """Between which keyframes surfaces are registered, and how far the result is trusted."""
+
+    lags: int = param(2, "keyframes back to which object points are registered; 0 for none", 0, 10)
+    min_objects: int = param(2, "common objects that a registration needs", 2, 100)
+    max_distance_m: float = param(0.03, "points further apart do not correspond, metres", 0.001, 1.0)
+    variance_scale: float = param(
+        0.0032,
+        "covariance at 1 m over the inverse Hessian of GICP; it grows with the range squared",
+        1e-6,
+        1e3,
+    )
+
+
+@dataclass(frozen=True)
+class _Scan:
+    """A keyframe and the points (m, 3) of each track that it sees, camera frame, metres."""
+
+    record: KeyframeRecord
+    clouds: Mapping[int, np.ndarray]
+
+    def points(self, keys: Sequence[int]) -> Array:
+        return np.concatenate([self.clouds[key] for key in keys]).astype(np.float64)
+
+
+class Refiner:
+    """Registers each keyframe with those just before it."""
+
+    def __init__(self, params: RefinementParams | None = None) -> None:
+        self.params = params or RefinementParams()
+        self._recent: deque[_Scan] = deque(maxlen=self.params.lags)
+
+    def edges(self, new: KeyframeRecord, clouds: Mapping[int, np.ndarray], T_olds_new: Array) -> list[Edge]:
+        """Edges from the last few keyframes to the new one.
+
+        Args:
+            clouds: (m, 3) points of each track that it sees, camera frame, metres.
+            T_olds_new: (n, 4, 4) of the new keyframe relative to each of the earlier ones, as tracked.
+        """
+        scan = _Scan(new, clouds)
+        edges = [self._edge(old, scan, T_olds_new[old.record.keyframe_id]) for old in self._recent]
+        self._recent.append(scan)
+        return [edge for edge in edges if edge is not None]
+
+    def _edge(self, old: _Scan, new: _Scan, T_old_new: Array) -> Edge | None:
+        """The registration, None where it is not determined."""
+        common = sorted(old.clouds.keys() & new.clouds.keys())
+        if len(common) < self.params.min_objects:
+            return None
+        points = new.points(common)
+        result = small_gicp.align(
+            old.points(common),
+            points,
+            T_old_new,
+            registration_type="GICP",
+            downsampling_resolution=RESOLUTION_M,
+            max_correspondence_distance=self.params.max_distance_m,
+            max_iterations=MAX_ITERATIONS,
+        )
+        covariance = self._covariance(result.H, float(np.median(np.linalg.norm(points, axis=1))))
+        if result.num_inliers < MIN_INLIER_SHARE * len(points) or covariance is None:
+            return None
+        before, after = old.record, new.record
+        return Edge(
+            before.keyframe_id,
+            after.keyframe_id,
+            before.stamp_ns,
+            after.stamp_ns,
+            EdgeKind.EXTERNAL,
+            result.T_target_source,
+            covariance,
+        )
+
+    def _covariance(self, hessian: Array, range_m: float) -> Array | None:
+        """(6, 6), None where the surfaces leave a motion free."""
+        if np.linalg.eigvalsh(hessian)[0] <= 0.0:
+            return None
+        covariance = np.linalg.inv(hessian) * self.params.variance_scale * range_m**2
+        covariance = (covariance + covariance.T) / 2
+        return covariance if is_covariance(covariance) else None
