@@ -128,6 +128,7 @@ def ablations(results: Results, seeds: int) -> Table:
     variants = {
         "full mode": "full",
         "odometry only when blind": "full-odometry-when-blind",
+        "without refinement by surfaces, codes alone": "full-no-refinement",
         "without change feedback": "full-no-feedback",
         "without ambiguous objects": "full-mugs",
         "paper mode": "paper",
