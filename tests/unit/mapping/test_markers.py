@@ -9,7 +9,7 @@ from neuse.geometry import make_transform
 from neuse.mapping.markers import MarkerBoard, MarkerKind, map_points, object_color, scene_markers
 from neuse.records import ChangeKind, MapObject, ObjectChange, ObjectMap, ObjectStatus
 
-from .synthetic import make_code, standing
+from .synthetic import make_code, make_world, orbit, standing
 
 MUG = standing("mug", 0.0, 0.0, category="mug")
 CODE = make_code(MUG, MUG.T_world_object, np.random.default_rng(0))
@@ -100,3 +100,35 @@ def test_colours_of_many_ids_differ():
     distances = np.linalg.norm(colors[:, None] - colors, axis=2) + np.eye(20)
     assert distances.min() > 0.03
     assert object_color(3) == pytest.approx(object_color(3))
+
+
+def test_after_a_loop_closure_everything_is_drawn_in_place_and_no_ghost_stays():
+    """The second visit starts off its place under new ids, is drawn so, and then put right."""
+    off = np.array([0.0, 0.0, 0.03, 0.15, 0.05, 0.12])
+    world = make_world(drift=lambda frame: off if 16 <= frame < 32 else np.zeros(6))
+    board, viewer = MarkerBoard(), {}
+
+    def show():
+        for marker in board.draw(world.mapper.object_map, world.mapper.mesh, world.mapper.changes):
+            viewer[marker.namespace, marker.marker_id] = marker
+            if marker.kind == MarkerKind.DELETE:
+                del viewer[marker.namespace, marker.marker_id]
+
+    world.tour(orbit(count=16))
+    old_ids, world.ids = world.ids, {}
+    second_visit = orbit(count=16, start_rad=1.0)
+    world.tour(second_visit)
+    show()
+    doubled = of_kind(viewer.values(), MarkerKind.MESH)
+    assert len(doubled) > len(world.things)
+
+    world.correct([*[k.T_map_camera for k in world._keyframes[:16]], *second_visit])
+    world.ids = old_ids
+    world.step(second_visit[0])
+    world.finish()
+    show()
+    meshes = of_kind(viewer.values(), MarkerKind.MESH)
+    assert len(meshes) == len(of_kind(viewer.values(), MarkerKind.TEXT)) == len(world.things)
+    middles = np.array([(m.points.min(axis=0) + m.points.max(axis=0)) / 2 for m in meshes.values()])
+    places = np.array([thing.T_world_object[:3, 3] for thing in world.things])
+    assert np.linalg.norm(places[:, None] - middles, axis=2).min(axis=1).max() < 0.02
