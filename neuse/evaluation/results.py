@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from neuse.evaluation.comparison import OTHERS
+from neuse.evaluation.comparison import SOURCES as OTHER_SOURCES
 from neuse.evaluation.encoded_world import SOURCES, EncodedWorld, encoded_world, fingerprint
 from neuse.evaluation.estimate import Estimate
 from neuse.evaluation.evaluation import evaluate
@@ -49,6 +51,23 @@ class Results:
         """The results of so many seeds, from the first one on."""
         first = self._first_seed
         return [self.get(variant, preset, seed) for seed in range(first, first + seeds)]
+
+    def others_over_seeds(self, name: str, preset: str, seeds: int) -> list[Result]:
+        """What others make of the same worlds: the figures of comparison.OTHERS."""
+        first = self._first_seed
+        return [self._other(name, preset, seed) for seed in range(first, first + seeds)]
+
+    def _other(self, name: str, preset: str, seed: int) -> Result:
+        stamp = fingerprint((*RUN_SOURCES, *OTHER_SOURCES))
+        path = self._folder / "results" / name / f"{preset}-{seed}-{self._frames or 'all'}-{stamp}.json"
+        if not path.exists():
+            worlds = self._folder / "worlds"
+            world = encoded_world(preset, seed, worlds, self._frames)
+            print(f"run {name} on {world.name}", flush=True)
+            result = OTHERS[name](world, worlds)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_json(path, result)
+        return json.loads(path.read_text())
 
 
 def figures(world: EncodedWorld, estimate: Estimate) -> Result:

@@ -16,6 +16,7 @@ from statistics import median
 import numpy as np
 from scipy.stats import binomtest
 
+from neuse.evaluation.comparison import ComparisonText, beside_external_slam, beside_geometry
 from neuse.evaluation.report import STYLE
 from neuse.evaluation.results import Result, Results
 
@@ -154,7 +155,28 @@ def ablations(results: Results, seeds: int) -> Table:
     )
 
 
-TABLES = {"localisation": localisation, "changes": changes, "trust": trust, "ablations": ablations}
+def external(results: Results, seeds: int) -> Table:
+    """Table II: see comparison.py."""
+    return _beside(beside_external_slam(results, seeds), "external", seeds)
+
+
+def geometric(results: Results, seeds: int) -> Table:
+    """Table IV, beside geometry alone: see comparison.py."""
+    return _beside(beside_geometry(results, seeds), "geometric", seeds)
+
+
+def _beside(text: ComparisonText, name: str, seeds: int) -> Table:
+    return Table(text.title, text.note, COMMAND.format(seeds=seeds, name=name), text.columns, text.rows)
+
+
+TABLES = {
+    "localisation": localisation,
+    "external": external,
+    "changes": changes,
+    "geometric": geometric,
+    "trust": trust,
+    "ablations": ablations,
+}
 
 
 def wilson(successes: int, trials: int) -> tuple[float, float]:

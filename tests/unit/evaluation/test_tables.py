@@ -1,7 +1,10 @@
 """The tables: intervals, cells and pages, from canned results."""
 
+from collections import defaultdict
+
 import pytest
 
+from neuse.evaluation.comparison import OTHERS
 from neuse.evaluation.tables import TABLES, Table, wilson, write_page
 from neuse.evaluation.variants import VARIANTS, params_of
 
@@ -14,6 +17,10 @@ class Canned:
     def over_seeds(self, variant, preset, seeds):
         assert variant in VARIANTS
         return [self.result(seed) for seed in range(seeds)]
+
+    def others_over_seeds(self, name, preset, seeds):
+        assert name in OTHERS
+        return [defaultdict(lambda: 0.5, tp=2, fp=1, fn=3)] * seeds
 
     @staticmethod
     def result(seed):

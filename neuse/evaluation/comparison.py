@@ -1,0 +1,170 @@
+"""Figures beside those of others (Tables II and IV): SLAM without objects, changes by geometry alone."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any, Protocol
+
+from neuse.evaluation.changes import score_changes
+from neuse.evaluation.encoded_world import EncodedWorld
+from neuse.evaluation.estimate import Estimate
+from neuse.evaluation.external_runs import FEATURES, SCANS, ExternalRun, external_runs
+from neuse.evaluation.external_runs import SOURCES as EXTERNAL_SOURCES
+from neuse.evaluation.occupied_space import geometric_changes
+from neuse.evaluation.pose_errors import trajectory_errors
+from neuse.evaluation.run import run_encoded
+from neuse.evaluation.trajectory import FramePose, Trajectory, trajectory_of
+from neuse.params import build
+from neuse.pipeline import Pipeline, PipelineParams
+from neuse.records import OdometrySample
+
+SOURCES = (*EXTERNAL_SOURCES, "evaluation/comparison.py", "evaluation/occupied_space.py")
+PRESETS = ("four-round", "triple-infinity")
+GEOMETRIC_PRESETS = ("synthetic-planar", "synthetic-nonplanar", *PRESETS)
+
+NOISE = {  # of an increment from frame to frame, as measured on worlds of seeds from 100 on: rad, metres
+    SCANS: (0.001, 0.001),
+    FEATURES: (0.007, 0.01),
+}
+PAPER = {  # ORB-SLAM3 joined with NeuSE; the others alone
+    "four-round": "0.079 (ORB-SLAM3 0.118, CubeSLAM 0.131, EM-Fusion 0.154, objects 0.111)",
+    "triple-infinity": "0.082 (ORB-SLAM3 0.101, CubeSLAM 0.147, EM-Fusion 0.193, objects 0.106)",
+}
+PAPER_GEOMETRIC = {"synthetic-planar": "7 / 2 / 2", "four-round": "7 / 0 / 2", "triple-infinity": "5 / 2 / 2"}
+
+Figures = dict[str, Any]
+
+
+class SeededResults(Protocol):
+    """What the tables read; see results.Results."""
+
+    def over_seeds(self, variant: str, preset: str, seeds: int) -> list[Figures]:
+        """Our own results."""
+
+    def others_over_seeds(self, name: str, preset: str, seeds: int) -> list[Figures]:
+        """Figures of one of OTHERS."""
+
+
+@dataclass(frozen=True)
+class ComparisonText:
+    """A table's title, note, columns and rows."""
+
+    title: str
+    note: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def run_joined(world: EncodedWorld, external: ExternalRun, noise: tuple[float, float]) -> Estimate:
+    """Ours with the odometry and the loop closures of an external SLAM, each at its time.
+
+    noise: of the odometry's increments, rad and metres.
+    """
+    sigmas = {"slam.odometry.sigma_rotation_rad": noise[0], "slam.odometry.sigma_translation_m": noise[1]}
+    pipeline, frames = Pipeline(build(PipelineParams(), sigmas)), list[FramePose]()
+    for observed, odometry, closures in zip(world.frames, external.odometry, external.closures, strict=True):
+        frames.append(FramePose.of(pipeline.track(observed, odometry).tracked))
+        pipeline.slam.add_external_edges(closures)
+    pipeline.mapper.finalize()
+    return Estimate(tuple(frames), pipeline.slam.keyframes, changes=pipeline.mapper.changes)
+
+
+def odometry_path(samples: Sequence[OdometrySample]) -> Trajectory:
+    """Dead reckoning."""
+    return trajectory_of([s.stamp_ns for s in samples], [s.T_odom_camera for s in samples])
+
+
+def external_figures(world: EncodedWorld, folder: Path) -> Figures:
+    """ATE (m) of odometry alone, and of each external alone, by its odometry alone, and joined with ours.
+
+    folder: of the cached runs of the externals.
+    """
+    length = len(world.frames)
+    externals = external_runs(world.preset, world.seed, folder, length)
+    figures = {"odometry": _ate_m(odometry_path(world.odometry), world)}
+    for name, external in externals.items():
+        joined = run_joined(world, external, NOISE[name])
+        figures[f"{name}, odometry"] = _ate_m(odometry_path(external.odometry), world)
+        figures[name] = _ate_m(external.trajectory, world)
+        figures[f"{name}, joined"] = _ate_m(joined.trajectory(), world)
+    return figures
+
+
+def geometric_figures(world: EncodedWorld, _: Path) -> Figures:
+    """Changes that geometry alone finds along the path that ours has estimated."""
+    path = run_encoded(world).trajectory()
+    found = geometric_changes(world.frames, path)
+    T_world_map = trajectory_errors(path, world.truth.trajectory).T_world_map
+    score = score_changes(found, world.truth.changes, T_world_map)
+    return {"tp": score.tp, "fp": score.fp, "fn": score.fn}
+
+
+OTHERS: dict[str, Callable[[EncodedWorld, Path], Figures]] = {
+    "external": external_figures,
+    "geometric": geometric_figures,
+}
+
+
+def beside_external_slam(results: SeededResults, seeds: int) -> ComparisonText:
+    """Table II: median ATE on worlds with a real sensor's faults."""
+    names = ("odometry", SCANS, f"{SCANS}, joined", FEATURES, f"{FEATURES}, joined")
+    rows = []
+    for preset in PRESETS:
+        ours = [
+            _median(run["ate_rmse_m"] for run in results.over_seeds(variant, preset, seeds))
+            for variant in ("full-mugs", "full")
+        ]
+        others = results.others_over_seeds("external", preset, seeds)
+        odometry, *externals = (_median(other[name] for other in others) for name in names)
+        rows.append((preset, odometry, *ours, *externals, PAPER[preset]))
+    columns = (
+        "",
+        "odometry",
+        "ours, mugs",
+        "ours, all",
+        SCANS,
+        f"{SCANS} + ours",
+        FEATURES,
+        f"{FEATURES} + ours",
+    )
+    return ComparisonText(
+        "Beside other SLAM (Table II)",
+        f"Median ATE (m) over {seeds} seeds. Scans: matching by small_gicp from where odometry expects the "
+        "camera, with loop closures in a pose graph. Features: ORB and PnP with depth, without odometry, in "
+        "the same graph. Joined: their odometry and loop closures enter ours as odom and external edges.",
+        (*columns, "paper, joined (alone)"),
+        tuple(rows),
+    )
+
+
+def beside_geometry(results: SeededResults, seeds: int) -> ComparisonText:
+    """Table IV's comparison: changes found by codes and by occupied space, on the same paths."""
+    rows = [
+        (
+            preset,
+            _counts([run["changes"] for run in results.over_seeds("full", preset, seeds)]),
+            _counts(results.others_over_seeds("geometric", preset, seeds)),
+            PAPER_GEOMETRIC.get(preset, "-"),
+        )
+        for preset in GEOMETRIC_PRESETS
+    ]
+    return ComparisonText(
+        "Changes by geometry alone (Table IV)",
+        f"TP / FP / FN summed over {seeds} seeds. Geometry: occupied against free space of each object, in "
+        "the manner of panoptic multi-TSDFs, along the path that ours has estimated.",
+        ("", "ours", "geometry", "paper, panoptic multi-TSDF"),
+        tuple(rows),
+    )
+
+
+def _counts(scores: Sequence[Figures]) -> str:
+    return " / ".join(str(sum(score[key] for score in scores)) for key in ("tp", "fp", "fn"))
+
+
+def _ate_m(path: Trajectory, world: EncodedWorld) -> float:
+    return trajectory_errors(path, world.truth.trajectory).ate_rmse_m
+
+
+def _median(values: Iterable[float]) -> str:
+    return f"{median(values):.3f}"
