@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from rclpy.qos import ReliabilityPolicy
@@ -37,6 +38,13 @@ class BagReport:
     notes: tuple[str, ...]
 
 
+class Finding(NamedTuple):
+    """One line for people; fatal: the graph cannot work so."""
+
+    text: str
+    fatal: bool = True
+
+
 def inspect_bag(bag: BagReader, known_categories: Collection[str] | None = None) -> BagReport:
     """Look through a bag. known_categories: those that there are weights for; None: any.
 
@@ -44,30 +52,29 @@ def inspect_bag(bag: BagReader, known_categories: Collection[str] | None = None)
         BagError: the bag is damaged.
     """
     found = tuple((role, bag.topics[role.topic.name]) for role in ROLES if role.topic.name in bag.topics)
-    faults, notes = list(_missing(bag)), list(_notes(found))
-    stamps_ns, categories = ({}, Counter[str]()) if faults else _read_stamps(bag)
-    paired_ns = _shared(stamps_ns)
-    if not faults:
-        pairing = _pairing(stamps_ns, len(paired_ns))
-        (faults if 2 * len(paired_ns) < len(stamps_ns[topics.DEPTH.name]) else notes).extend(pairing)
-        faults += _frame_faults(bag, paired_ns)
-        unknown, nothing_known = _category_faults(categories, known_categories or categories)
-        (faults if nothing_known else notes).extend(unknown)
+    findings = [*_missing(bag), *_notes(found)]
+    paired_ns, categories = list[int](), Counter[str]()
+    if not any(finding.fatal for finding in findings):
+        stamps_ns, categories = _read_stamps(bag)
+        paired_ns = sorted(set.intersection(*map(set, stamps_ns.values())))
+        findings += [*_pairing(stamps_ns, len(paired_ns)), *_frame_faults(bag, paired_ns)]
+        findings += _category_faults(categories, known_categories or categories)
     duration_s = max(bag.end_ns - bag.start_ns, 0) / 1e9
-    return BagReport(bag.path, duration_s, found, len(paired_ns), categories, tuple(faults), tuple(notes))
+    faults, notes = (tuple(f.text for f in findings if f.fatal == fatal) for fatal in (True, False))
+    return BagReport(bag.path, duration_s, found, len(paired_ns), categories, faults, notes)
 
 
-def _missing(bag: BagReader) -> Iterator[str]:
+def _missing(bag: BagReader) -> Iterator[Finding]:
     """Topics that are not there, of another type, or empty."""
     for role in ROLES:
         name, type_name = role.topic.name, role.topic.type_name
         topic = bag.topics.get(name)
         if topic is None and role.needed:
-            yield f"{name} is missing ({type_name}: {role.meaning}){_hint(bag, role)}"
+            yield Finding(f"{name} is missing ({type_name}: {role.meaning}){_hint(bag, role)}")
         elif topic is not None and topic.type_name != type_name:
-            yield f"{name} has type {topic.type_name}; record it as {type_name}"
+            yield Finding(f"{name} has type {topic.type_name}; record it as {type_name}")
         elif topic is not None and role.needed and not topic.n_messages:
-            yield f"{name} has no message; was its publisher running?"
+            yield Finding(f"{name} has no message; was its publisher running?")
 
 
 def _hint(bag: BagReader, role: Role) -> str:
@@ -79,13 +86,14 @@ def _hint(bag: BagReader, role: Role) -> str:
     return f"; is it {' or '.join(alike)}? then: convert {bag.path} --remap {alike[0]}:={role.topic.name}"
 
 
-def _notes(found: Sequence[tuple[Role, BagTopic]]) -> Iterator[str]:
+def _notes(found: Sequence[tuple[Role, BagTopic]]) -> Iterator[Finding]:
     """What is not as it could be, and does no harm."""
     for role, topic in found:
         if role.needed and any(q.reliability == ReliabilityPolicy.BEST_EFFORT for q in topic.qos):
-            yield f"{topic.name} is best effort: leave input_reliable of encoder_node false"
+            told = f"{topic.name} is best effort: leave input_reliable of encoder_node false"
+            yield Finding(told, fatal=False)
     if topics.ODOMETRY.name not in {topic.name for _, topic in found}:
-        yield f"no {topics.ODOMETRY.name}: frames without known objects have no pose"
+        yield Finding(f"no {topics.ODOMETRY.name}: frames without known objects have no pose", fatal=False)
 
 
 def _read_stamps(bag: BagReader) -> tuple[Stamps, Counter[str]]:
@@ -99,26 +107,29 @@ def _read_stamps(bag: BagReader) -> tuple[Stamps, Counter[str]]:
     return stamps_ns, categories
 
 
-def _shared(stamps_ns: Stamps) -> list[int]:
-    """Stamps that all needed topics have, in their order."""
-    return sorted(set.intersection(*map(set, stamps_ns.values()))) if stamps_ns else []
-
-
-def _pairing(stamps_ns: Stamps, n_shared: int) -> Iterator[str]:
-    """Topics whose stamps are not those of the depth images."""
+def _pairing(stamps_ns: Stamps, n_paired: int) -> Iterator[Finding]:
+    """Stamps that repeat, and topics whose stamps are not those of the depth images."""
     depth_ns = np.unique(stamps_ns[topics.DEPTH.name])
+    n_images = len(stamps_ns[topics.DEPTH.name])
+    if 2 * len(depth_ns) < n_images:
+        told = f"{n_images} images on {topics.DEPTH.name} have {len(depth_ns)} stamps; set each header.stamp"
+        yield Finding(told)
     for name in JOINED[1:]:
         own_ns = np.unique(stamps_ns[name])
         n_equal = len(np.intersect1d(depth_ns, own_ns))
         if n_equal < len(depth_ns):
-            offset_ms = np.median([(own_ns - ns)[np.argmin(np.abs(own_ns - ns))] for ns in depth_ns]) / 1e6
-            yield (
-                f"{n_equal} of {len(depth_ns)} stamps of {topics.DEPTH.name} are on {name}, whose nearest "
-                f"are {offset_ms:+.3f} ms away; give every {name} the header.stamp of its depth image"
-            )
+            told = f"{n_equal} of {len(depth_ns)} stamps of {topics.DEPTH.name} are on {name}, whose nearest "
+            told += f"are {_offset_ms(depth_ns, own_ns):+.3f} ms away; give every {name} the header.stamp of "
+            yield Finding(f"{told}its depth image", fatal=2 * n_paired < len(depth_ns))
 
 
-def _frame_faults(bag: BagReader, paired_ns: Sequence[int]) -> list[str]:
+def _offset_ms(stamps_ns: np.ndarray, others_ns: np.ndarray) -> float:
+    """Median way from a stamp to the nearest of the others."""
+    offsets_ns = [(others_ns - stamp_ns)[np.argmin(np.abs(others_ns - stamp_ns))] for stamp_ns in stamps_ns]
+    return float(np.median(offsets_ns)) / 1e6
+
+
+def _frame_faults(bag: BagReader, paired_ns: Sequence[int]) -> list[Finding]:
     """What is wrong with some frames out of the whole bag, each kind of fault once."""
     from neuse.embedding.observe import check_frame  # loads torch, which folders are converted without
 
@@ -133,8 +144,9 @@ def _frame_faults(bag: BagReader, paired_ns: Sequence[int]) -> list[str]:
             faults.append(fault)
     by_reason = {fault.reason: _named(fault) for fault in reversed(faults)}
     unit = scale.fault()
-    told = f"{topics.DEPTH.name}: {unit}; send 16UC1 in millimetres or 32FC1 in metres"
-    return [*by_reason.values(), *([told] if unit else [])]
+    if unit:
+        by_reason["unit"] = f"{topics.DEPTH.name}: {unit}; send 16UC1 in millimetres or 32FC1 in metres"
+    return [Finding(text) for text in by_reason.values()]
 
 
 def _named(fault: InputError) -> str:
@@ -146,10 +158,11 @@ def _named(fault: InputError) -> str:
     return f"{topics.DEPTH.name}, {topics.MASK.name}: {fault}"
 
 
-def _category_faults(categories: Counter[str], known: Collection[str]) -> tuple[list[str], bool]:
-    """Categories that there are no weights for, and whether none is left."""
-    if not categories:
-        return [f"{topics.INSTANCES.name} has no instance at all; did the segmenter find nothing?"], True
+def _category_faults(categories: Counter[str], known: Collection[str]) -> Iterator[Finding]:
+    """Categories that there are no weights for."""
     unknown = sorted(categories.keys() - set(known))
-    told = f"no weights for {', '.join(unknown)}; there are some for {', '.join(sorted(known))}"
-    return ([told] if unknown else []), len(unknown) == len(categories)
+    if not categories:
+        yield Finding(f"{topics.INSTANCES.name} has no instance at all; did the segmenter find nothing?")
+    elif unknown:
+        told = f"no weights for {', '.join(unknown)}; there are some for {', '.join(sorted(known))}"
+        yield Finding(told, fatal=len(unknown) == len(categories))

@@ -95,6 +95,11 @@ def test_stamps_that_never_pair_are_told_with_their_offset(frames_bag: Path, tmp
     assert "+3.000 ms away; give every /segmentation/mask the header.stamp" in report.faults[0]
 
 
+def test_stamps_that_are_never_set_are_told(frames: list[RgbdFrame], tmp_path: Path) -> None:
+    path = bag_of([replace(frame, stamp_ns=0) for frame in frames], tmp_path / "b.mcap")
+    assert inspect(path).faults == ("5 images on /depth/image have 1 stamps; set each header.stamp",)
+
+
 def test_few_stamps_that_do_not_pair_are_only_noted(frames: list[RgbdFrame], tmp_path: Path) -> None:
     path = bag_of(frames, tmp_path / "a.mcap")
     with BagReader(path) as bag, BagWriter(tmp_path / "b.mcap") as writer:
