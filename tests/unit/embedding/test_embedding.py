@@ -123,7 +123,9 @@ def test_sigmas_are_in_radians_and_metres_and_calibrated():
 @pytest.mark.parametrize("log_sigma", [-100.0, 100.0])
 def test_sigmas_stay_believable_whatever_the_network_says(category, log_sigma):
     (code,) = with_log_sigmas(log_sigma, category).encode([partial_cloud(np.random.default_rng(8), 50)])
-    assert (code.sigmas >= SIGMA_FLOOR).all()
+    assert (code.sigmas[:5] >= SIGMA_FLOOR[:5]).all()
+    assert code.sigmas[5] >= np.hypot(*SIGMA_FLOOR[5:]) / 2 * (1 - 1e-9)
+    assert abs(code.height_correlation) <= 1.0
     assert (code.sigmas[:3] <= np.pi).all()
     assert np.isfinite(code.sigmas).all()
 

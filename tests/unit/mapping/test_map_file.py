@@ -16,7 +16,7 @@ def stored_map(n_objects=2, n_keyframes=3):
     objects = tuple(
         StoredObject(
             i, "mug", 2, 10, 20, 5, -30, -1, 4.5,
-            Code("mug", False, RNG.normal(size=(8, 3)), RNG.normal(size=8), RNG.random(6)),
+            Code("mug", False, RNG.normal(size=(8, 3)), RNG.normal(size=8), RNG.random(6), -0.25),
             RNG.normal(size=(20, 3)),
         )
         for i in range(n_objects)

@@ -42,9 +42,8 @@ def covariance(seed: int = 0) -> Array:
 def code(seed: int = 0, k: int = 8) -> Code:
     r = rng(seed)
     descriptor = r.normal(size=k)
-    return Code(
-        "mug", True, r.normal(size=(k, 3)), descriptor / np.linalg.norm(descriptor), r.uniform(size=6)
-    )
+    z, sigmas = r.normal(size=(k, 3)), r.uniform(size=6)
+    return Code("mug", True, z, descriptor / np.linalg.norm(descriptor), sigmas, float(r.uniform(-1, 1)))
 
 
 def observation(seed: int = 0) -> Observation:
