@@ -15,7 +15,8 @@ from neuse.embedding.sightings import Sighting
 from neuse.embedding.validation import HANDLE_SEEN, equal_error_rate
 from neuse.errors import DegenerateGeometryError, InputError
 from neuse.geometry import Array, inverse, log, rotation_angle, transform_points
-from neuse.slam.registration import align
+from neuse.slam.object_frames import SigmaParams, reduce_codes
+from neuse.slam.registration import agreed_heights, align
 
 
 @dataclass(frozen=True)
@@ -98,8 +99,9 @@ def _errors(
     codes_a, codes_b = [s.code for s in a], [s.code for s in b]
     if lone and register is by_frames:  # its codes say where the axis is, and no more
         angle_deg = _angle(T_b_a[:3, :3] @ codes_a[0].axes[:, 2], codes_b[0].axes[:, 2])
-        shift = transform_points(T_b_a, codes_a[0].center) - codes_b[0].center
-        return angle_deg, float(np.linalg.norm(shift)), None
+        frames_a, frames_b = (reduce_codes(codes, SigmaParams(scale=1.0)) for codes in (codes_a, codes_b))
+        center_b = frames_b.centers[0] + agreed_heights(frames_a, frames_b)[0][0]
+        return angle_deg, float(np.linalg.norm(transform_points(T_b_a, codes_a[0].center) - center_b)), None
     pose = register(codes_a, codes_b)
     if pose is None:
         return None

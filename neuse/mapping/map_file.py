@@ -151,8 +151,8 @@ def _to_arrays(stored: StoredMap) -> tuple[dict[str, Any], dict[str, np.ndarray]
     arrays: dict[str, np.ndarray] = {}
     for i, known in enumerate(stored.objects):
         scalars = {name: getattr(known, name) for name in _SCALARS}
-        of_code = {"ambiguous": bool(known.code.ambiguous), "height_correlation": known.code.height_correlation}
-        header["objects"].append(scalars | of_code)
+        scalars |= {name: getattr(known.code, name) for name in ("ambiguous", "height_correlation")}
+        header["objects"].append(scalars)
         arrays |= {f"z_{i}": known.code.z, f"descriptor_{i}": known.code.descriptor}
         arrays |= {f"sigmas_{i}": known.code.sigmas, f"points_{i}": known.points}
     header["keyframes"] = [{"tick": k.tick, "intrinsics": asdict(k.intrinsics)} for k in stored.keyframes]

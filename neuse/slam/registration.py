@@ -134,7 +134,7 @@ def _stack(a: ObjectFrames, others: Sequence[tuple[np.ndarray, ObjectFrames]]) -
     variances, known = np.ones(shape), np.zeros((len(others), len(a)), dtype=bool)
     axial = np.ones((len(others), len(a)))
     for i, (index, frames) in enumerate(others):
-        shifts, gone, axial[i, index] = _agreed_heights(a[index], frames)
+        shifts, gone, axial[i, index] = agreed_heights(a[index], frames)
         vectors[i, :, index], noise[i, :, index] = frames.vectors.swapaxes(0, 1), frames.noise.swapaxes(0, 1)
         vectors[i, 0, index] += shifts
         variances[i, :, index], known[i, index] = (a.variances[:, index] + frames.variances).T, True
@@ -142,7 +142,7 @@ def _stack(a: ObjectFrames, others: Sequence[tuple[np.ndarray, ObjectFrames]]) -
     return _Views(vectors, noise, variances, axial, known)
 
 
-def _agreed_heights(a: ObjectFrames, b: ObjectFrames) -> tuple[Array, Array, Array]:
+def agreed_heights(a: ObjectFrames, b: ObjectFrames) -> tuple[Array, Array, Array]:
     """What it says of the centres that both views see objects of the same heights.
 
     Where the top is hidden in one view and the bottom in the other, or either in one, the ends that both see
