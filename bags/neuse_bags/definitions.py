@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from rosbags.typesys import TypesysError, get_types_from_msg
 
 from neuse.errors import BagError
 
@@ -43,6 +44,19 @@ def message_definition(type_name: str) -> str:
         f"{_SEPARATOR}\nMSG: {_short(name)}\n{text}" for name, text in zip(order[1:], others, strict=True)
     ]
     return "\n".join([first, *parts])
+
+
+def is_installed_alike(type_name: str, definition: str) -> bool:
+    """Whether messages of this text, as a bag embeds it, can be read by the class that is installed here.
+
+    True too where nothing is installed or the text cannot be parsed: then others have more to say.
+    """
+    try:
+        embedded = get_types_from_msg(definition, type_name)
+        installed = get_types_from_msg(message_definition(type_name), type_name)
+    except (BagError, TypesysError):
+        return True
+    return all(name in embedded and embedded[name][1] == fields for name, (_, fields) in installed.items())
 
 
 def split_type(type_name: str) -> tuple[str, str, str]:

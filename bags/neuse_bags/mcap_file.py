@@ -12,11 +12,11 @@ from typing import Any
 from mcap.writer import CompressionType, Writer
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
-from rosbags.interfaces import Connection, ConnectionExtRosbag2
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
 
 from neuse.errors import BagError
-from neuse_bags.definitions import message_class, message_definition
+from neuse_bags.definitions import is_installed_alike, message_class, message_definition
 from neuse_bags.qos import qos_from_rosbags, qos_to_yaml
 
 _CHUNK_BYTES = 4 * 1024 * 1024
@@ -49,8 +49,12 @@ class RawMessage:
         return seconds * 10**9 + nanoseconds
 
     def decode(self) -> Any:
-        """The message object; raises BagError if its type is not installed here."""
-        return deserialize_message(self.data, message_class(self.type_name))
+        """The message object; raises BagError if its type is not installed here, or its bytes are damaged."""
+        kind = message_class(self.type_name)
+        try:
+            return deserialize_message(self.data, kind)
+        except RuntimeError as error:  # whatever the middleware says of bytes that end too soon
+            raise BagError(f"{self.topic} holds a damaged {self.type_name} at {self.stamp_ns} ns") from error
 
 
 class BagWriter:
@@ -146,11 +150,27 @@ class BagReader:
             raise BagError(f"{self.path} lacks {', '.join(missing)}; it has {has}")
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
-        """Messages in the order of their log stamps, of all topics or of those given."""
+        """Messages in the order of their log stamps, of all topics or of those given.
+
+        Raises:
+            BagError: damage, or a topic whose type was defined otherwise when it was recorded.
+        """
         wanted = [c for c in self._reader.connections if topics is None or c.topic in topics]
+        for connection in wanted:
+            self._check_definition(connection)
         with _reading(self.path):
             for connection, stamp_ns, data in self._reader.messages(wanted) if wanted else ():
                 yield RawMessage(connection.topic, connection.msgtype, stamp_ns, bytes(data))
+
+    def _check_definition(self, connection: Connection) -> None:
+        """Raises BagError where the installed class would misread what was recorded."""
+        definition = connection.msgdef
+        is_text = definition.format == MessageDefinitionFormat.MSG and definition.data
+        if is_text and not is_installed_alike(connection.msgtype, definition.data):
+            raise BagError(
+                f"{self.path}: {connection.topic} was recorded with another definition of "
+                f"{connection.msgtype} than is installed; make the bag again, or use the version it is of"
+            )
 
 
 @contextmanager

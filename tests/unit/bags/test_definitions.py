@@ -2,7 +2,7 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from neuse.errors import BagError
-from neuse_bags.definitions import message_class, message_definition, split_type
+from neuse_bags.definitions import is_installed_alike, message_class, message_definition, split_type
 
 
 @pytest.mark.parametrize("name", ["sensor_msgs/msg/CameraInfo", "visualization_msgs/msg/MarkerArray"])
@@ -22,6 +22,19 @@ def test_definition_of_our_own_messages_follows_bounded_arrays_of_other_packages
     ]
     assert "MSG: geometry_msgs/Pose" in headings
     assert len(headings) == len(set(headings))
+
+
+def test_only_a_change_of_fields_makes_a_definition_another_one() -> None:
+    name = "neuse_msgs/msg/Code"
+    text = message_definition(name)
+    assert is_installed_alike(name, text)
+    assert is_installed_alike(name, f"# a remark\nuint8 MEANING=1\n{text}")
+    assert not is_installed_alike(name, text.replace("float64[6] sigmas", "float64[5] sigmas"))
+    assert not is_installed_alike(name, "string category\n")
+
+
+def test_types_that_are_not_installed_are_no_other_definition() -> None:
+    assert is_installed_alike("nobody_msgs/msg/Nothing", "uint8 x\n")
 
 
 @pytest.mark.parametrize("name", ["nobody_msgs/msg/Nothing", "sensor_msgs/msg/Nothing"])

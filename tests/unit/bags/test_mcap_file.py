@@ -114,6 +114,31 @@ def test_foreign_files_are_refused_with_the_path_and_a_way_out(
         BagReader(path)
 
 
+def test_topic_whose_type_was_defined_otherwise_is_refused_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "old.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("neuse_msgs/msg/InstanceArray", "ros2msg", b"uint8 count")
+        channel = writer.register_channel("/segmentation/instances", "cdr", schema)
+        writer.add_message(channel, 1, b"\0\1\0\0\7", 1)
+        writer.finish()
+    with (
+        BagReader(path) as bag,
+        pytest.raises(BagError, match="/segmentation/instances was recorded with an"),
+    ):
+        list(bag.messages())
+
+
+def test_message_that_ends_too_soon_is_told_by_topic_and_time(tmp_path: Path) -> None:
+    path = tmp_path / "short.mcap"
+    with BagWriter(path) as writer:
+        topics.declare(writer, (topics.ODOMETRY,))
+        writer.write_raw("/odom", serialize_message(Odometry())[:40], 7)
+    with BagReader(path) as bag, pytest.raises(BagError, match=r"/odom holds a damaged nav_msgs.* at 7 ns"):
+        next(bag.messages()).decode()
+
+
 @pytest.mark.parametrize("lost_bytes", [1, 40, 2000])
 def test_truncated_bag_is_refused(frames_bag: Path, lost_bytes: int) -> None:
     frames_bag.write_bytes(frames_bag.read_bytes()[:-lost_bytes])
