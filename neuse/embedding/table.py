@@ -1,4 +1,4 @@
-"""The figures of an embedding as one table, beside the bars it is held to and an early study's figures."""
+"""The figures of an embedding as one table, beside the bars it is held to."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -18,40 +18,38 @@ class Row:
     title: str
     path: tuple[str, ...]
     bar: float
-    study: str
     category: str = ""
     at_least: bool = False
 
 
-def _pose_rows(title: str, row: str, bars: tuple[float, float], study: str, category: str = "") -> list[Row]:
+def _pose_rows(title: str, row: str, bars: tuple[float, float], category: str = "") -> list[Row]:
     """Rotation (deg) and translation (mm) of a row of pairs."""
-    rotation, translation = study.split(" / ")
     return [
-        Row(f"{title}: rotation, deg", ("*", row, "rotation_deg"), bars[0], rotation, category),
-        Row(f"{title}: translation, mm", ("*", row, "translation_mm"), bars[1], translation, category),
+        Row(f"{title}: rotation, deg", ("*", row, "rotation_deg"), bars[0], category),
+        Row(f"{title}: translation, mm", ("*", row, "translation_mm"), bars[1], category),
     ]
 
 
 ROWS = (
-    *_pose_rows("mug, handle seen, 0-30 deg apart", "mug, handle seen, 0-30", (2.5, 1.5), "4 / 2", "mug"),
-    *_pose_rows("the same, 60-180 deg apart", "mug, handle seen, 60-180", (5.0, 3.0), "9 / 4", "mug"),
-    *_pose_rows("bottle, axis", "bottle", (0.8, 2.5), "1.1 / 3.7", "bottle"),
-    *_pose_rows("mug + bottle", "mug + bottle", (1.0, 2.5), "1.7 / 2.7"),
-    *_pose_rows("2 mugs + 2 bottles", "2 mugs + 2 bottles", (0.5, 2.0), "0.9 / 2.3"),
-    Row("2.6-3.3 m: mug handle direction, deg", (FAR, "frame, mug", "handle_deg"), 8.0, "24-35", "mug"),
-    Row("2.6-3.3 m: mug centre, mm", (FAR, "frame, mug", "centre_mm"), 5.0, "8", "mug"),
-    Row("2.6-3.3 m: bottle axis, deg", (FAR, "frame, bottle", "axis_deg"), 2.0, "5", "bottle"),
-    Row("2.6-3.3 m: bottle centre, mm", (FAR, "frame, bottle", "centre_mm"), 5.0, "8", "bottle"),
-    Row("flips over 45 deg, mug", ("*", "flips, mug with handle seen", "rate"), 0.003, "0.014", "mug"),
-    Row("flips over 45 deg, bottle", ("*", "flips, bottle", "rate"), 0.003, "0.014", "bottle"),
-    Row("descriptor, mug: equal error rate", ("*", "descriptor, mug", "eer"), 0.04, "0.12", "mug"),
-    Row("descriptor, bottle: equal error rate", ("*", "descriptor, bottle", "eer"), 0.04, "0.08", "bottle"),
-    Row("mug: 1-of-8 retrieval", ("*", "descriptor, mug", "retrieval"), 0.95, "0.79", "mug", True),
-    Row("bottle: 1-of-8 retrieval", ("*", "descriptor, bottle", "retrieval"), 0.95, "0.89", "bottle", True),
-    Row("bottle: IoU", ("bottle shape", "iou"), 0.90, "0.83", "bottle", True),
-    Row("mug: surface distance, mm", ("mug shape", "surface_mm"), 3.0, "-", "mug"),
-    Row("encoder, ms an object", ("speed", "encode_ms_per_object"), 6.0, "4-10"),
-    Row("decoder, ms for 20 000 points", ("speed", "decode_20k_ms"), 30.0, "12-105"),
+    *_pose_rows("mug, handle seen, 0-30 deg apart", "mug, handle seen, 0-30", (2.5, 1.5), "mug"),
+    *_pose_rows("the same, 60-180 deg apart", "mug, handle seen, 60-180", (5.0, 3.0), "mug"),
+    *_pose_rows("bottle, axis", "bottle", (0.8, 2.5), "bottle"),
+    *_pose_rows("mug + bottle", "mug + bottle", (1.0, 2.5)),
+    *_pose_rows("2 mugs + 2 bottles", "2 mugs + 2 bottles", (0.5, 2.0)),
+    Row("2.6-3.3 m: mug handle direction, deg", (FAR, "frame, mug", "handle_deg"), 8.0, "mug"),
+    Row("2.6-3.3 m: mug centre, mm", (FAR, "frame, mug", "centre_mm"), 5.0, "mug"),
+    Row("2.6-3.3 m: bottle axis, deg", (FAR, "frame, bottle", "axis_deg"), 2.0, "bottle"),
+    Row("2.6-3.3 m: bottle centre, mm", (FAR, "frame, bottle", "centre_mm"), 5.0, "bottle"),
+    Row("flips over 45 deg, mug", ("*", "flips, mug with handle seen", "rate"), 0.003, "mug"),
+    Row("flips over 45 deg, bottle", ("*", "flips, bottle", "rate"), 0.003, "bottle"),
+    Row("descriptor, mug: equal error rate", ("*", "descriptor, mug", "eer"), 0.04, "mug"),
+    Row("descriptor, bottle: equal error rate", ("*", "descriptor, bottle", "eer"), 0.04, "bottle"),
+    Row("mug: 1-of-8 retrieval", ("*", "descriptor, mug", "retrieval"), 0.95, "mug", True),
+    Row("bottle: 1-of-8 retrieval", ("*", "descriptor, bottle", "retrieval"), 0.95, "bottle", True),
+    Row("bottle: IoU", ("bottle shape", "iou"), 0.90, "bottle", True),
+    Row("mug: surface distance, mm", ("mug shape", "surface_mm"), 3.0, "mug"),
+    Row("encoder, ms an object", ("speed", "encode_ms_per_object"), 6.0),
+    Row("decoder, ms for 20 000 points", ("speed", "decode_20k_ms"), 30.0),
 )
 NEES_GROUPS = ("mug", "mug + bottle", "2 mugs + 2 bottles")
 NEES_RANGE = (0.7, 1.5)
@@ -64,13 +62,13 @@ def markdown_table(columns: Mapping[str, tuple[Mapping[str, Any], str]], rows: S
         columns: by heading the figures of `evaluate` and the condition of the column; figures of no
             condition stand in columns of the usual one.
     """
-    lines = [["", "bar", "study", *columns]]
+    lines = [["", "bar", *columns]]
     for row in rows:
         cells = [
             _cell(lookup(figures, row.path, condition), row) if "*" in row.path or condition == USUAL else ""
             for figures, condition in columns.values()
         ]
-        lines.append([row.title, f"{row.bar:g}", row.study, *cells])
+        lines.append([row.title, f"{row.bar:g}", *cells])
     return _markdown(lines)
 
 

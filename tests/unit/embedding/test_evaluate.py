@@ -131,7 +131,7 @@ def test_command_line_writes_figures_of_every_condition(written):
 
 def test_printed_table_has_a_column_a_noise(written):
     head = evaluate.table(written).splitlines()[0]
-    for name in ("bar", "study", "0 mm", "1.5 mm", "3 mm", "mask faults"):
+    for name in ("bar", "0 mm", "1.5 mm", "3 mm", "mask faults"):
         assert name in head
 
 
