@@ -27,6 +27,7 @@ from neuse.slam.registration import align_frames
 GATE_SIGMAS = 3.0
 PLACE_GATE_SIGMAS = 4.0  # in three dimensions one in a thousand lies further off, and 3 in a hundred beyond 3
 JOINT_GATE_SIGMAS = 6.0  # several objects that agree may lie further off than one alone
+LEAST_APART = 2  # objects that show that a part of the map has drifted
 PLACE_SIGMAS = np.array(
     [0.02, 0.02, 0.1, 0.005, 0.005, 0.005]
 )  # of the library's objects, as ObjectFrames.sigmas
@@ -71,10 +72,14 @@ class AssociationParams(CheckedParams):
 
 @dataclass(frozen=True)
 class Association:
-    """tracks: the match of every observation, or None.    T_map_camera: set where it was found anew."""
+    """tracks: the match of every observation, or None.    T_map_camera: set where it was found anew.
+
+    apart: matches that agree with each other, but lie off those: drift has shifted this part of the map.
+    """
 
     tracks: tuple[Track | None, ...]
     T_map_camera: Array | None = None
+    apart: tuple[Track | None, ...] = ()
 
 
 def associate(
@@ -96,7 +101,11 @@ def associate(
         T_map_camera, prediction.T_map_camera, drift, found, params
     ):
         return Association(_as_tuple(matches | found, tracks, len(view)), T_map_camera)
-    return Association(_as_tuple(matches, tracks, len(view)))
+    rest = ~np.isin(pairs.rows, list(matches)) & ~np.isin(pairs.columns, list(matches.values()))
+    old = np.array([tracks[m].confirmed for m in pairs.columns], dtype=bool)
+    second = _heaviest_tracked(view, places, pairs.only(rest & old), drift, prediction.T_map_camera, params)
+    second = second if len(second) >= LEAST_APART else {}
+    return Association(_as_tuple(matches, tracks, len(view)), None, _as_tuple(second, tracks, len(view)))
 
 
 def _as_tuple(matches: dict[int, int], tracks: Sequence[Track], n: int) -> tuple[Track | None, ...]:

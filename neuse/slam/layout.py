@@ -30,6 +30,10 @@ class Pairs:
     gates_m: Array
     weights: Array
 
+    def only(self, chosen: np.ndarray) -> "Pairs":
+        """Those of a mask."""
+        return Pairs(self.rows[chosen], self.columns[chosen], self.gates_m[chosen], self.weights[chosen])
+
 
 def same_layout(
     view: View, places: Array, pairs: Pairs, tolerance_m: float, tolerance_rad: float

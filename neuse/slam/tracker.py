@@ -83,6 +83,7 @@ class ObjectTracker:
         matched = complete(view, found.tracks, tracks, settled, belief, self.association)
         if matched != found.tracks:
             belief = self._localize(view, matched, prediction, belief.T_map_camera)
+        matched = _joined(matched, found.apart)
         self.belief = belief
         self._advance(belief, motion)
         for track in self._watch.displaced(view, matched, tracks, belief.T_map_camera):
@@ -174,6 +175,17 @@ class ObjectTracker:
         self._frame_index += 1
         step = np.minimum(_worst_variances(motion.covariance), _worst_variances(belief.covariance))
         self._drift = self._drift + step
+
+
+def _joined(matched: Sequence[Track | None], apart: Sequence[Track | None]) -> tuple[Track | None, ...]:
+    """The matches, and where a tentative track or none was matched those that lie apart."""
+    taken = {track.key for track in matched if track is not None}
+    result = list(matched)
+    for i, track in enumerate(apart):
+        current = matched[i]
+        if track is not None and track.key not in taken and (current is None or not current.confirmed):
+            result[i] = track
+    return tuple(result)
 
 
 def _worst_variances(covariance: Array) -> Array:

@@ -202,3 +202,16 @@ def test_places_are_compared_in_the_predicted_camera_frame(scene):
     found = associated(scene, view, Belief(T_map_camera, EXACT.covariance))
     assert scene.names(found.tracks) == [0, 1, 2, 3, 4]
     np.testing.assert_allclose(transform_points(T_map_camera, view.frames.centers[0]), SPOTS[0], atol=1e-9)
+
+
+def test_part_of_the_map_that_has_drifted_is_matched_apart(scene):
+    """Two objects are seen 9 cm from their places relative to the three others."""
+    seen = [*scene.things[:3], *(moved(thing, [0.09, 0, 0]) for thing in scene.things[3:])]
+    found = associated(scene, view_of(seen), drift_m=0.03)
+    assert scene.names(found.tracks) == [0, 1, 2, None, None]
+    assert scene.names(found.apart) == [None, None, None, 3, 4]
+
+
+def test_lone_object_off_its_place_is_not_matched_apart(scene):
+    seen = [*scene.things[:4], moved(scene.things[4], [0.09, 0, 0])]
+    assert set(associated(scene, view_of(seen), drift_m=0.03).apart) == {None}
