@@ -150,9 +150,7 @@ def average_codes(codes: Sequence[Code], T_map_keyframes: Array, weights: Array)
     descriptor = descriptor / max(float(np.linalg.norm(descriptor)), 1e-12)
     sigmas = np.min([code.sigmas for code in codes], axis=0)
     correlation = float(np.average([code.height_correlation for code in codes], weights=robust))
-    return replace(
-        codes[0], z=mean, descriptor=descriptor, sigmas=sigmas, height_correlation=correlation
-    )
+    return replace(codes[0], z=mean, descriptor=descriptor, sigmas=sigmas, height_correlation=correlation)
 
 
 def make_view(code: Code, cloud: np.ndarray, T_keyframe_camera: Array, is_cut: bool, count: int) -> View:
