@@ -41,7 +41,7 @@ def test_every_recipe_is_compared_and_the_light_one_shares_its_time(tmp_path, mo
 def test_page_has_a_column_a_recipe_and_the_command():
     page = compare.text({"shipped": {}, "paper": {}, "light": {}}, {"paper mug": 12}, 0.1, 1, 2)
     head = next(line for line in page.splitlines() if "bar" in line and "|" in line)
-    assert [cell.strip() for cell in head.split("|")[4:7]] == ["shipped", "paper", "light"]
+    assert [cell.strip() for cell in head.split("|")[3:6]] == ["shipped", "paper", "light"]
     assert "--minutes 0.1 --shards 1 --scenes 2" in page
     assert "paper mug 12" in page
 

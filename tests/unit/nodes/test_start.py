@@ -12,7 +12,8 @@ INTERRUPT = "import os, signal; os.kill(os.getpid(), signal.SIGINT)"
 def run_module(folder: Path, source: str) -> subprocess.CompletedProcess:
     """Start a module of this source."""
     (folder / "started.py").write_text(source)
-    code = f"import sys; sys.path.append({str(folder)!r}); from neuse_encoder_node.start import start; "
+    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "  # as from a terminal
+    code += f"import sys; sys.path.append({str(folder)!r}); from neuse_encoder_node.start import start; "
     code += "sys.exit(start('started'))"
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
 
