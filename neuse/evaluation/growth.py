@@ -14,11 +14,11 @@ from neuse.evaluation.timing import WARM_UP, Times, TwoClocks, timed
 from neuse.geometry import Array, inverse
 from neuse.records import ObservedFrame
 from neuse.slam.layout import View
-from neuse.slam.library import LastSighting, Track
 from neuse.slam.localization import Belief
 from neuse.slam.object_frames import reduce_codes
 from neuse.slam.odometry import Motion
 from neuse.slam.slam import ObjectSlam, SlamParams
+from neuse.slam.track import LastSighting, Track
 from neuse.slam.tracker import ObjectTracker
 
 FRAME_SIGMAS = np.repeat([0.003, 0.01], 3)  # of the motion between two frames: rad, metres

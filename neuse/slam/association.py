@@ -19,10 +19,11 @@ from neuse.params import CheckedParams, param
 from neuse.slam.checks import check_choice
 from neuse.slam.clique import max_weight_clique
 from neuse.slam.layout import Pairs, View, same_directions, same_layout
-from neuse.slam.library import Track, alike_in_place, heights_of, places_of, similarity
+from neuse.slam.library import alike_in_place, similarity
 from neuse.slam.localization import Belief, to_camera
 from neuse.slam.object_frames import frames_at
 from neuse.slam.registration import align_frames
+from neuse.slam.track import Track, heights_of, places_of
 
 GATE_SIGMAS = 3.0
 PLACE_GATE_SIGMAS = 4.0  # in three dimensions one in a thousand lies further off, and 3 in a hundred beyond 3

@@ -9,9 +9,9 @@ from neuse.errors import SolverError
 from neuse.geometry import Array, inverse
 from neuse.records import Edge, EdgeKind
 from neuse.slam.keyframes import KeyframeRecord
-from neuse.slam.library import Track, orthonormal_place
 from neuse.slam.object_frames import LEAST_SHARE, ObjectFrames
 from neuse.slam.pose_graph import PoseGraph, SlidingWindow, SolverParams
+from neuse.slam.track import Track, orthonormal_place
 
 LEVER_M = 0.3  # where a handle becomes a point: so far out that its noise is that of the direction
 LOOSE_RAD = 1.0  # along directions in which a point on the lever says nothing

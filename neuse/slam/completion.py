@@ -6,9 +6,11 @@ import numpy as np
 
 from neuse.geometry import Array
 from neuse.slam.association import GATE_SIGMAS, AssociationParams, square_ranges
+from neuse.slam.drift import drift_from
 from neuse.slam.layout import View
-from neuse.slam.library import Track, alike_in_place, drift_from, places_of
+from neuse.slam.library import alike_in_place
 from neuse.slam.localization import Belief, to_camera
+from neuse.slam.track import Track, places_of
 
 
 def complete(

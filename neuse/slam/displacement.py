@@ -12,8 +12,9 @@ import numpy as np
 from neuse.geometry import Array
 from neuse.slam.association import AssociationParams
 from neuse.slam.layout import View
-from neuse.slam.library import Track, alike_in_place, places_of, shape_noise
+from neuse.slam.library import alike_in_place
 from neuse.slam.localization import to_camera
+from neuse.slam.track import Track, places_of, shape_noise
 
 CLEAR_SHAPE_NOISE = 0.02  # 1 - cosine to be expected of a view that may contradict
 

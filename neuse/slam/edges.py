@@ -12,8 +12,8 @@ from neuse.geometry import Array, inverse
 from neuse.params import CheckedParams, param
 from neuse.records import Edge, EdgeKind
 from neuse.slam.keyframes import KeyframeRecord
-from neuse.slam.library import Track
 from neuse.slam.registration import Alignment, align_each
+from neuse.slam.track import Track
 
 TRACKED_SIGMAS = np.array([0.03, 0.03, 0.03, 0.05, 0.05, 0.05])  # of tracked motions in the window, rad and m
 

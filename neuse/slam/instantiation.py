@@ -13,7 +13,7 @@ from neuse.geometry import Array
 from neuse.params import CheckedParams, param
 from neuse.records import Observation
 from neuse.slam.association import GATE_SIGMAS
-from neuse.slam.library import Track
+from neuse.slam.track import Track
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,12 @@ def may_be_known(
     """
     for m, other in enumerate(others):
         if shapes[m] and other.confirmed and other.key not in matched:
-            gate_m = delta_prox_m + GATE_SIGMAS * np.sqrt(drift[m, 1])
+            gate_m = known_gates_m(drift[m], delta_prox_m)
             if np.linalg.norm(other.place[0] - track.place[0]) <= gate_m:
                 return True
     return False
+
+
+def known_gates_m(drift: Array, delta_prox_m: float) -> Array:
+    """(...) how far off known objects may be seen after drifts (..., 2), metres."""
+    return delta_prox_m + GATE_SIGMAS * np.sqrt(drift[..., 1])

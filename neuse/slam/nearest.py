@@ -15,9 +15,10 @@ from neuse.errors import DegenerateGeometryError
 from neuse.geometry import Array, inverse, transform_points
 from neuse.slam.association import Association, AssociationParams
 from neuse.slam.layout import View
-from neuse.slam.library import LastSighting, Track, similarity
+from neuse.slam.library import similarity
 from neuse.slam.object_frames import ObjectFrames, join_frames
 from neuse.slam.registration import align_frames
+from neuse.slam.track import LastSighting, Track
 
 
 def associate_nearest(view: View, tracks: Sequence[Track], params: AssociationParams) -> Association:

@@ -31,12 +31,12 @@ from neuse.slam.external import attach
 from neuse.slam.instantiation import InstantiationParams
 from neuse.slam.keyframes import KeyframeLibrary, KeyframeParams, KeyframeRecord
 from neuse.slam.layout import View
-from neuse.slam.library import Track
 from neuse.slam.object_frames import SigmaParams, is_usable, reduce_codes
 from neuse.slam.odometry import OdometryFix, OdometryParams
 from neuse.slam.pose_graph import SolverParams
 from neuse.slam.prediction import Predictor
 from neuse.slam.refinement import RefinementParams, Refiner
+from neuse.slam.track import Track
 from neuse.slam.tracker import Located, ObjectTracker
 from neuse.stopwatch import Stopwatch
 

@@ -8,7 +8,7 @@ import numpy as np
 from neuse.embedding.code import Code
 from neuse.geometry import Array
 from neuse.records import Observation
-from neuse.slam.association import AssociationParams, associate
+from neuse.slam.association import Association, AssociationParams, associate
 from neuse.slam.completion import complete
 from neuse.slam.displacement import DisplacementWatch
 from neuse.slam.instantiation import (
@@ -17,22 +17,15 @@ from neuse.slam.instantiation import (
     is_due,
     is_eligible,
     is_trackable,
+    known_gates_m,
     may_be_known,
 )
 from neuse.slam.layout import View
-from neuse.slam.library import (
-    LastSighting,
-    ObjectLibrary,
-    Track,
-    drift_between,
-    heights_of,
-    places_of,
-    similarity,
-    unlikeness,
-)
+from neuse.slam.library import ObjectLibrary, similarity, unlikeness
 from neuse.slam.localization import Belief, localize, to_map
 from neuse.slam.nearest import associate_nearest
 from neuse.slam.odometry import Motion
+from neuse.slam.track import LastSighting, Track, heights_of, places_of
 
 START_VARIANCE = 1e-8
 
@@ -71,15 +64,10 @@ class ObjectTracker:
 
     def locate(self, view: View, prediction: Belief, motion: Motion) -> Located:
         """Associate the view and find the camera's pose (NeuSE IV-A, B)."""
-        tracks = self.library.active()
-        drift_now = self._drift + _worst_variances(motion.covariance)
-        drift = drift_between(tracks, drift_now)
-        if self.association.method == "nearest":
-            found = associate_nearest(view, tracks, self.association)
-        else:
-            found = associate(view, tracks, drift, prediction, self.association)
+        found = self._associate(view, prediction, motion)
         belief = self._localize(view, found.tracks, prediction, found.T_map_camera)
-        settled = drift_between(tracks, self._drift)
+        tracks = self._candidates(view, belief.T_map_camera, found.tracks)
+        settled = self.library.table.drifts(tracks, self._drift)
         matched = complete(view, found.tracks, tracks, settled, belief, self.association)
         if matched != found.tracks:
             belief = self._localize(view, matched, prediction, belief.T_map_camera)
@@ -108,7 +96,7 @@ class ObjectTracker:
         for i, (observation, track) in enumerate(zip(observations, located.tracks, strict=True)):
             last = LastSighting(view.frames[[i]], view.partial_centers[i], self.belief.T_map_camera)
             tracks.append(self._seen(observation, placed[:, i], last, track))
-        self.library.drop(expired(self.library.active(), self._frame_index, self.instantiation))
+        self.library.drop(expired(self.library.tentative(), self._frame_index, self.instantiation))
         return tuple(tracks), self._confirm([track for track in tracks if track is not None])
 
     def enter_graph(self, seen: Sequence[Track]) -> list[Track]:
@@ -121,13 +109,39 @@ class ObjectTracker:
 
     def similar_ids(self, codes: Sequence[Code]) -> list[tuple[int, ...]]:
         """For each code the objects of like shape, most similar first; also those that left their place."""
-        known = [track for track in self.library.tracks.values() if track.confirmed]
+        known = self.library.alike(codes, self.association.delta_shape)
         S = similarity(codes, known)
         order = np.argsort(-S, axis=1, kind="stable")
         return [
             tuple(dict.fromkeys(known[m].object_id for m in row if S[i, m] >= self.association.delta_shape))
             for i, row in enumerate(order)
         ]
+
+    def _associate(self, view: View, prediction: Belief, motion: Motion) -> Association:
+        if self.association.method == "nearest":
+            return associate_nearest(view, self.library.active(), self.association)
+        tracks = self._candidates(view, prediction.T_map_camera)
+        drift = self.library.table.drifts(tracks, self._drift + _worst_variances(motion.covariance))
+        return associate(view, tracks, drift, prediction, self.association)
+
+    def _candidates(
+        self, view: View, T_map_camera: Array, matched: Sequence[Track | None] | None = None
+    ) -> list[Track]:
+        """What may be matched from this pose: tracks that stand near, and those already matched if they are.
+
+        As long as nothing is, also objects alike in shape wherever they stand, from which a lost camera is
+        found.
+        """
+        if not len(view):
+            return []
+        params, library = self.association, self.library
+        points = to_map(T_map_camera, view.frames.vectors)[0]
+        chosen = library.around(points, 2 * params.max_gate_m)
+        if matched is None:
+            chosen |= library.most_alike(view.codes, params.delta_shape, params.max_candidates + len(view))
+        else:
+            chosen[library.table.index(track for track in matched if track is not None)] = True
+        return library.table.at(chosen)
 
     def _seen(
         self, observation: Observation, place: Array, last: LastSighting, track: Track | None
@@ -142,15 +156,18 @@ class ObjectTracker:
         return track
 
     def _confirm(self, seen: Sequence[Track]) -> list[Track]:
-        tentative = [track for track in seen if is_due(track, False, self.instantiation)]
-        if not tentative:
+        due = [track for track in seen if is_due(track, False, self.instantiation)]
+        if not due:
             return []
-        known = [track for track in self.library.active() if track.confirmed]
-        drift, matched = drift_between(known, self._drift), {track.key for track in seen}
-        fresh = []
-        for track in tentative:
+        table, matched = self.library.table, {track.key for track in seen}
+        is_object = table.rows["active"] & table.rows["confirmed"]
+        drifts = table.all_drifts(self._drift, is_object)
+        delta_prox_m, fresh = self.association.delta_prox_m, []
+        for track in due:
+            near = is_object & table.near(track.place[0], known_gates_m(drifts, delta_prox_m))
+            known = table.at(near)
             alike = unlikeness([track], known)[0] <= self.association.max_unlikeness
-            doubtful = may_be_known(track, alike, known, drift, matched, self.association.delta_prox_m)
+            doubtful = may_be_known(track, alike, known, drifts[near], matched, delta_prox_m)
             if is_due(track, doubtful, self.instantiation):
                 self.library.confirm(track)
                 fresh.append(track)

@@ -7,7 +7,7 @@ import pytest
 
 from neuse.geometry import exp
 from neuse.slam.layout import Pairs, same_directions, same_layout
-from neuse.slam.library import places_of
+from neuse.slam.track import places_of
 
 from .synthetic import make_thing
 from .test_association import SPOTS, moved, scene_of, view_of

@@ -5,17 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from neuse.slam.library import (
-    ObjectLibrary,
-    alike_in_place,
-    drift_between,
-    orthonormal_place,
-    places_of,
-    shape_noise,
-    similarity,
-    unlikeness,
-)
+from neuse.slam.drift import drift_between
+from neuse.slam.library import ObjectLibrary, alike_in_place, similarity, unlikeness
 from neuse.slam.object_frames import frames_at
+from neuse.slam.track import orthonormal_place, places_of, shape_noise
 
 from .synthetic import make_thing
 from .test_association import scene_of, view_of

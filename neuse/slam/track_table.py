@@ -1,0 +1,123 @@
+"""All tracks of a library as arrays, for what is asked of thousands of them in every frame."""
+
+from bisect import bisect_left
+from collections.abc import Iterable, Sequence
+from operator import attrgetter
+
+import numpy as np
+
+from neuse.geometry import Array
+from neuse.slam.drift import nearest_ways, over_ways
+from neuse.slam.track import Track
+
+HEAD = 32  # components of a descriptor that are compared first; of the rest only the length
+ROUNDING = 1e-5  # of a cosine in float32
+ROW = np.dtype(
+    [
+        ("center", np.float64, 3),
+        ("mapped_at", np.float64, 2),
+        ("seen_at", np.float64, 2),
+        ("last_frame", np.int64),
+        ("active", np.bool_),
+        ("confirmed", np.bool_),
+    ]
+)
+
+
+class TrackTable:
+    """A row for each track in the order of their keys, written anew where a track is among `changed`."""
+
+    def __init__(self) -> None:
+        self.changed: set[Track] = set()
+        self._tracks: list[Track] = []
+        self._rows = np.zeros(16, ROW)
+        self._heads = np.zeros((16, HEAD + 1), np.float32)
+        self._ways: np.ndarray | None = None
+
+    def append(self, track: Track) -> None:
+        """A new track, whose key is larger than all before."""
+        self._tracks.append(track)
+        self.changed.add(track)
+
+    def remove(self, track: Track) -> None:
+        """Forget a track; those after it move up, and few do, since it is young."""
+        row = self._row(track)
+        del self._tracks[row]
+        self.changed |= {track, *self._tracks[row:]}
+
+    def near(self, point: Array, radius_m: float | Array) -> np.ndarray:
+        """(m,) bool, active and within the radius, or radii (m,), of a point (3,) of the map, metres."""
+        offsets_m = self.rows["center"] - point
+        return self.rows["active"] & (np.einsum("ij,ij->i", offsets_m, offsets_m) <= radius_m**2)
+
+    def may_be_alike(self, descriptors: Sequence[Array], delta_shape: float) -> np.ndarray:
+        """(m,) bool, whether the cosine with one of the descriptors may be this large, from their heads.
+
+        No larger than the product of the heads and of the lengths of the rest (Cauchy, Schwarz).
+        """
+        rows = self.rows
+        heads = np.array([_head(descriptor) for descriptor in descriptors], np.float32).reshape(-1, HEAD + 1)
+        bounds = self._heads[: len(rows)] @ heads.T
+        return (bounds >= delta_shape - ROUNDING).any(axis=1)
+
+    def drifts(self, tracks: Sequence[Track], now: Array) -> Array:
+        """(n, 2) as `drift.drift_between` of some tracks, by way of any active one."""
+        rows, index = self.rows, self.index(tracks)
+        if self._ways is None:
+            self._ways = self._ways_over(rows["active"])
+        return over_ways(rows["mapped_at"], rows["seen_at"], now, index, self._ways[index])
+
+    def all_drifts(self, now: Array, over: np.ndarray) -> Array:
+        """(m, 2) as `drift.drift_between`, by way of the tracks of a mask."""
+        rows, index = self.rows, np.arange(len(self.rows))
+        return over_ways(rows["mapped_at"], rows["seen_at"], now, index, self._ways_over(over))
+
+    def _ways_over(self, over: np.ndarray) -> np.ndarray:
+        costs = np.where(over, -self.rows["seen_at"][:, 1], np.inf)
+        return nearest_ways(self.rows["mapped_at"][:, 1], costs)
+
+    def at(self, chosen: np.ndarray) -> list[Track]:
+        """The tracks of a mask."""
+        return [self._tracks[row] for row in np.flatnonzero(chosen)]
+
+    def index(self, tracks: Iterable[Track]) -> np.ndarray:
+        """(n,) rows of tracks."""
+        return np.array([self._row(track) for track in tracks], dtype=np.intp)
+
+    @property
+    def rows(self) -> np.ndarray:
+        """(m,) of ROW, up to date."""
+        if self.changed:
+            self._write([track for track in self.changed if self._holds(track)])
+            self.changed.clear()
+            self._ways = None
+        return self._rows[: len(self._tracks)]
+
+    def _row(self, track: Track) -> int:
+        return bisect_left(self._tracks, track.key, key=attrgetter("key"))
+
+    def _holds(self, track: Track) -> bool:
+        row = self._row(track)
+        return row < len(self._tracks) and self._tracks[row] is track
+
+    def _write(self, tracks: Sequence[Track]) -> None:
+        while len(self._rows) < len(self._tracks):
+            self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
+            self._heads = np.concatenate([self._heads, np.zeros_like(self._heads)])
+        if tracks:
+            index = self.index(tracks)
+            self._rows[index] = np.array([_numbers(track) for track in tracks], ROW)
+            self._heads[index] = [_head(track.descriptor) for track in tracks]
+
+
+def _numbers(track: Track) -> tuple[object, ...]:
+    flags = not track.retired, track.confirmed
+    return track.place[0], track.mapped_at, track.seen_at, track.last_frame, *flags
+
+
+def _head(descriptor: Array) -> Array:
+    """(HEAD + 1,) the first components, and the length of the rest."""
+    head = np.zeros(HEAD + 1)
+    first, rest = descriptor[:HEAD], descriptor[HEAD:]
+    head[: len(first)], head[HEAD] = first, np.sqrt(rest @ rest)
+    return head
