@@ -11,12 +11,13 @@ from neuse.records import Edge, EdgeKind
 from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.object_frames import LEAST_SHARE, ObjectFrames
 from neuse.slam.pose_graph import PoseGraph, SlidingWindow, SolverParams
-from neuse.slam.track import Track, orthonormal_place
+from neuse.slam.track import Track, orthonormal_places
 
 LEVER_M = 0.3  # where a handle becomes a point: so far out that its noise is that of the direction
 LOOSE_RAD = 1.0  # along directions in which a point on the lever says nothing
 LEAST_HALF_HEIGHT_M = 0.01  # of ends that tell an axis
 MAX_HANDLE_SIGMA_RAD = 0.6  # a handle known no better is hidden
+RECENT = 20  # keyframes whose poses are read after every solution
 TOP, BOTTOM, HANDLE = range(3)
 
 
@@ -35,7 +36,13 @@ class Backend(Protocol):
         """Edges of an external SLAM."""
 
     def solve(self, loop_closed: bool) -> Array:
-        """(n, 4, 4) T_map_camera of all keyframes after everything new is taken in."""
+        """(n, 4, 4) T_map_camera of all keyframes after everything new is taken in.
+
+        Unless a loop was closed, those long past may be as they were; see `latest_poses`.
+        """
+
+    def latest_poses(self) -> Array:
+        """(n, 4, 4) T_map_camera of all keyframes by the last solution."""
 
     def covariance(self, keyframe_id: int) -> Array:
         """(6, 6) marginal covariance of a keyframe's pose."""
@@ -56,6 +63,10 @@ class _Base:
 
     def solve(self, loop_closed: bool) -> Array:
         self.graph.solve(self.params.closure_iterations if loop_closed else 1)
+        self.poses = self.graph.poses()
+        return self.poses
+
+    def latest_poses(self) -> Array:
         self.poses = self.graph.poses()
         return self.poses
 
@@ -93,15 +104,30 @@ class LandmarkBackend(_Base):
                     record.keyframe_id, 3 * track.key + part, points[part], covariances[part], starts[part]
                 )
 
+    def solve(self, loop_closed: bool) -> Array:
+        if loop_closed:
+            return super().solve(loop_closed)
+        self.graph.solve()
+        first = max(len(self.poses) - RECENT, 0)
+        self.poses = np.concatenate([self.poses[:first], self.graph.poses(first)])
+        return self.poses
+
     def place_all(self, tracks: Iterable[Track]) -> None:
-        points = self.graph.points()
-        for track in tracks:
-            if 3 * track.key + TOP in points:
-                top, bottom = points[3 * track.key + TOP], points[3 * track.key + BOTTOM]
-                center = (top + bottom) / 2
-                handle = points.get(3 * track.key + HANDLE, center + track.place[2])
-                place = np.stack([center, top - bottom, handle - center])
-                track.anchored, track.place = True, orthonormal_place(place)
+        tracks = list(tracks)
+        points = self.graph.points(3 * track.key + part for track in tracks for part in (TOP, BOTTOM, HANDLE))
+        known = [track for track in tracks if 3 * track.key + TOP in points]
+        if not known:
+            return
+        tops = np.array([points[3 * track.key + TOP] for track in known])
+        bottoms = np.array([points[3 * track.key + BOTTOM] for track in known])
+        centers = (tops + bottoms) / 2
+        handles = [
+            points.get(3 * track.key + HANDLE, center + track.place[2])
+            for track, center in zip(known, centers, strict=True)
+        ]
+        places = np.stack([centers, tops - bottoms, np.array(handles) - centers], axis=1)
+        for track, place in zip(known, orthonormal_places(places), strict=True):
+            track.anchored, track.place = True, place
 
 
 class EdgeBackend(_Base):
@@ -177,7 +203,7 @@ class _Sightings:
             np.add.at(sums[part], index, self.weights[part][:, None] * placed[part])
             np.add.at(totals[part], index, self.weights[part])
         means = sums / np.maximum(totals, 1e-12)[..., None]
-        return {int(key): orthonormal_place(means[:, i]) for i, key in enumerate(known)}
+        return dict(zip(known.tolist(), orthonormal_places(means.swapaxes(0, 1)), strict=True))
 
 
 def landmark_points(frames: ObjectFrames, i: int) -> tuple[Array, Array]:

@@ -73,7 +73,7 @@ class EdgeBuilder:
     ) -> list[Edge]:
         """Edges to the keyframes before `new` in the window.
 
-        T_olds_new: (n, 4, 4) of `new` relative to each of the records, as tracked.
+        T_olds_new: (n, 4, 4) of `new` relative to each of the last n records, as tracked.
         """
         window = [old for old in records[-self.params.window :] if self._in_window(old, new)]
         built = self._build(window, new, EdgeKind.SHORT_RANGE, tracks)
@@ -175,7 +175,7 @@ def _disagreements(edges: Sequence[Edge], T_olds_new: Array) -> Array:
     if not edges:
         return np.zeros(0)
     T_from_to = np.stack([edge.T_from_to for edge in edges])
-    differences = inverse(T_from_to) @ T_olds_new[[edge.from_id for edge in edges]]
+    differences = inverse(T_from_to) @ T_olds_new[[edge.from_id - edge.to_id for edge in edges]]
     turns = Rotation.from_matrix(differences[:, :3, :3]).as_rotvec()
     xi = np.concatenate([turns, differences[:, :3, 3]], axis=1)  # (n, 6)
     covariances = np.stack([edge.covariance for edge in edges]) + np.diag(TRACKED_SIGMAS**2)

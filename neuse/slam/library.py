@@ -34,6 +34,7 @@ class ObjectLibrary:
         self.table = TrackTable()
         self._next_key = 0
         self._next_id = 0
+        self._turn = 0
 
     def add(self, code: Code, place: Array, last: LastSighting, drift: Array, frame_index: int) -> Track:
         """A tentative object."""
@@ -104,6 +105,17 @@ class ObjectLibrary:
             best = np.argsort(-shapes, kind="stable")[:most]
             chosen[self.table.index(tracks[m] for m in best if shapes[m] >= delta_shape)] = True
         return chosen
+
+    def by_turns(self, always: Iterable[int], most: int) -> list[Track]:
+        """Active tracks of the graph: those of some keys, as far as known, and so many of all by turns."""
+        rows = self.table.rows
+        allowed = rows["active"] & rows["in_graph"]
+        turns = np.flatnonzero(allowed)
+        chosen = np.zeros(len(rows), dtype=bool)
+        chosen[turns[(self._turn + np.arange(min(most, len(turns)))) % max(len(turns), 1)]] = True
+        chosen[self.table.index(self.tracks[key] for key in always if key in self.tracks)] = True
+        self._turn += most
+        return self.table.at(chosen & allowed)
 
     def alike(self, codes: Sequence[Code], delta_shape: float) -> list[Track]:
         """Objects of the map that may be alike in shape to one of the codes, wherever they stand or stood."""

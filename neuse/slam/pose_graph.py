@@ -4,7 +4,7 @@ The only module that knows gtsam. Vertices are keyframe poses T_map_camera and, 
 points on the objects. Covariances are rotation first in the body frame, as everywhere in the library.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -42,7 +42,7 @@ class PoseGraph:
         self._new_factors = gtsam.NonlinearFactorGraph()
         self._new_values = gtsam.Values()
         self._points: set[int] = set()
-        self._estimate = gtsam.Values()
+        self._poses: Array | None = None  # of the last solution, once all were asked for
 
     def add_origin(self, keyframe_id: int, T_map_camera: Array) -> None:
         """Fix the pose that defines the map frame."""
@@ -73,7 +73,7 @@ class PoseGraph:
         )
 
     def solve(self, iterations: int = 1) -> None:
-        """Take in what was added and update every estimate.
+        """Take in what was added and update the estimates.
 
         Raises:
             SolverError: the graph leaves something open; only a new graph helps.
@@ -82,19 +82,34 @@ class PoseGraph:
             self._isam.update(self._new_factors, self._new_values)
             for _ in range(iterations - 1):
                 self._isam.update()
-            self._estimate = self._isam.calculateEstimate()
+        self._poses = None
         self._new_factors, self._new_values = gtsam.NonlinearFactorGraph(), gtsam.Values()
 
-    def poses(self) -> Array:
-        """(n, 4, 4) T_map_camera in the order of the keyframe ids."""
-        rows = gtsam.utilities.extractPose3(self._estimate)  # (n, 12): rotation by rows, then translation
-        T = np.tile(np.eye(4), (len(rows), 1, 1))
-        T[:, :3, :3], T[:, :3, 3] = rows[:, :9].reshape(-1, 3, 3), rows[:, 9:]
-        return T
+    def poses(self, first: int = 0) -> Array:
+        """(n, 4, 4) T_map_camera in the order of the keyframe ids, which count up from 0; from `first` on."""
+        if self._poses is not None:
+            return self._poses[first:]
+        if first:
+            return self._poses_from(first)
+        with _solver_errors():
+            rows = gtsam.utilities.extractPose3(self._isam.calculateEstimate())  # (n, 12): R by rows, then t
+        self._poses = np.tile(np.eye(4), (len(rows), 1, 1))
+        self._poses[:, :3, :3], self._poses[:, :3, 3] = rows[:, :9].reshape(-1, 3, 3), rows[:, 9:]
+        return self._poses
 
-    def points(self) -> dict[int, Array]:
-        """{point id: (3,) position in the map}."""
-        return dict(zip(sorted(self._points), gtsam.utilities.extractPoint3(self._estimate), strict=True))
+    def points(self, ids: Iterable[int] | None = None) -> dict[int, Array]:
+        """{point id: (3,) position in the map} of all points, or of those ids that there are."""
+        chosen = self._points if ids is None else self._points.intersection(ids)
+        with _solver_errors():
+            return {i: self._isam.calculateEstimatePoint3(_point_key(i)) for i in sorted(chosen)}
+
+    def _poses_from(self, first: int) -> Array:
+        poses, key = list[Array](), _pose_key(first)
+        with _solver_errors():
+            while self._isam.valueExists(key):
+                poses.append(self._isam.calculateEstimatePose3(key).matrix())
+                key += 1
+        return np.array(poses).reshape(-1, 4, 4)
 
     def covariance(self, keyframe_id: int) -> Array:
         """(6, 6) marginal covariance of a keyframe's pose.

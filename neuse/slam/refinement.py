@@ -61,10 +61,13 @@ class Refiner:
 
         Args:
             clouds: (m, 3) points of each track that it sees, camera frame, metres.
-            T_olds_new: (n, 4, 4) of the new keyframe relative to each of the earlier ones, as tracked.
+            T_olds_new: (n, 4, 4) of the new keyframe relative to each of the last n, as tracked.
         """
         scan = _Scan(new, clouds)
-        edges = [self._edge(old, scan, T_olds_new[old.record.keyframe_id]) for old in self._recent]
+        edges = [
+            self._edge(old, scan, T_olds_new[old.record.keyframe_id - new.keyframe_id])
+            for old in self._recent
+        ]
         self._recent.append(scan)
         return [edge for edge in edges if edge is not None]
 

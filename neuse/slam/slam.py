@@ -40,6 +40,7 @@ from neuse.slam.track import Track
 from neuse.slam.tracker import Located, ObjectTracker
 from neuse.stopwatch import Stopwatch
 
+PLACES_AT_ONCE = 100  # read from a solution by turns, beside those in sight; all when a loop was closed
 Tracks = Sequence[Track | None]  # of each observation of a frame
 
 
@@ -169,11 +170,12 @@ class ObjectSlam:
     @property
     def keyframes(self) -> tuple[Keyframe, ...]:
         """All keyframes with their latest estimates."""
-        pairs = zip(self._keyframes.records, self._keyframes.T_map_camera, strict=True)
+        pairs = zip(self._keyframes.records, self._backend.latest_poses(), strict=True)
         return tuple(Keyframe(record.keyframe_id, record.stamp_ns, T) for record, T in pairs)
 
     def trajectory(self) -> list[tuple[int, Array]]:
         """(stamp_ns, T_map_camera) of every frame, through its keyframe's latest estimate."""
+        self._keyframes.T_map_camera = self._backend.latest_poses()
         return self._keyframes.trajectory()
 
     def _check_stamp(self, stamp_ns: int) -> None:
@@ -223,7 +225,8 @@ class ObjectSlam:
             tracks[key].enter_keyframe(record.keyframe_id, params.period_gap, params.closure_spacing)
         entering = self._tracker.enter_graph([tracks[key] for key in record.keys.tolist()])
         with self.stopwatch.timed("edge"):
-            T_olds_new = inverse(self._keyframes.T_map_camera) @ self._tracker.belief.T_map_camera
+            recent = self._keyframes.T_map_camera[-max(params.window, self.params.refinement.lags) :]
+            T_olds_new = inverse(recent) @ self._tracker.belief.T_map_camera
             short_range = self._edges.short_range(record, records, tracks, T_olds_new)
             closures = self._edges.loop_closures(record, records, tracks)
             refined = self._refiner.edges(record, clouds, T_olds_new)
@@ -248,7 +251,9 @@ class ObjectSlam:
     def _solve(self, loop_closed: bool) -> None:
         T_last_camera = self._relative_to_last_keyframe()
         self._keyframes.T_map_camera = self._backend.solve(loop_closed)
-        self._backend.place_all([track for track in self._tracker.library.active() if track.in_graph])
+        library, last = self._tracker.library, self._keyframes.records[-1]
+        most = len(library.tracks) if loop_closed else PLACES_AT_ONCE
+        self._backend.place_all(library.by_turns(last.keys.tolist(), most))
         T_map_camera = self._keyframes.T_map_camera[-1] @ T_last_camera
         self._predictor.correct(self._tracker.belief.T_map_camera, T_map_camera)
         self._tracker.correct(T_map_camera)

@@ -83,7 +83,7 @@ class Track:
             weights = 1.0 / last.frames.variances[:, 0]
             self.place_weights = _remembered(self.place_weights) + weights
             share = weights / np.maximum(self.place_weights, 1e-12)
-            self.place = orthonormal_place(self.place + share[:, None] * (place - self.place))
+            self.place = orthonormal_places((self.place + share[:, None] * (place - self.place))[None])[0]
         self.measure(last.frames)
         self.last, self.seen_at, self.last_frame = last, drift, frame_index
 
@@ -125,14 +125,18 @@ def heights_of(tracks: Sequence[Track]) -> tuple[Array, Array]:
     return heights, 1.0 / np.array([track.height_weight for track in tracks])
 
 
-def orthonormal_place(place: Array) -> Array:
-    """(3, 3) centre, unit axis and unit handle orthogonal to it."""
-    center, axis, handle = place
-    axis = axis / max(np.linalg.norm(axis), 1e-12)
-    handle = handle - axis * (axis @ handle)
-    if np.linalg.norm(handle) < 1e-9:
-        handle = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    return np.stack([center, axis, handle / np.linalg.norm(handle)])
+def orthonormal_places(places: Array) -> Array:
+    """(n, 3, 3) centre, unit axis and unit handle orthogonal to it, of each."""
+    centers, axes, handles = places[:, 0], _normalized(places[:, 1]), places[:, 2]
+    handles = handles - axes * (axes * handles).sum(axis=1, keepdims=True)
+    lost = (handles**2).sum(axis=1) < 1e-18
+    if lost.any():
+        handles[lost] = np.cross(axes[lost], np.eye(3)[np.abs(axes[lost]).argmin(axis=1)])
+    return np.stack([centers, axes, _normalized(handles)], axis=1)
+
+
+def _normalized(vectors: Array) -> Array:
+    return vectors / np.maximum(np.sqrt((vectors**2).sum(axis=1, keepdims=True)), 1e-12)
 
 
 def _remembered(weights: Any) -> Any:

@@ -20,6 +20,7 @@ ROW = np.dtype(
         ("last_frame", np.int64),
         ("active", np.bool_),
         ("confirmed", np.bool_),
+        ("in_graph", np.bool_),
     ]
 )
 
@@ -111,7 +112,7 @@ class TrackTable:
 
 
 def _numbers(track: Track) -> tuple[object, ...]:
-    flags = not track.retired, track.confirmed
+    flags = not track.retired, track.confirmed, track.in_graph
     return track.place[0], track.mapped_at, track.seen_at, track.last_frame, *flags
 
 

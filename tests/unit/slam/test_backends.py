@@ -64,6 +64,16 @@ def test_landmarks_correct_odometry(scene):
         assert track.anchored
 
 
+def test_poses_long_past_are_read_when_asked_for_or_when_a_loop_closes(scene, monkeypatch):
+    monkeypatch.setattr("neuse.slam.backends.RECENT", 2)
+    backend = LandmarkBackend(SolverParams())
+    poses = run(backend, scene, lambda i: [odometry(i)])
+    latest = backend.latest_poses()
+    np.testing.assert_array_equal(poses[-2:], latest[-2:])
+    assert 0.0 < np.abs(poses[:-2] - latest[:-2]).max() < 0.01
+    np.testing.assert_array_equal(backend.solve(loop_closed=True), backend.latest_poses())
+
+
 def test_landmarks_do_not_use_edges_from_codes(scene):
     """An absurd edge does no harm."""
     absurd = Edge(0, 1, 0, 1, EdgeKind.SHORT_RANGE, exp([1, 0, 0, 9, 9, 9]), 1e-9 * np.eye(6), (0,))

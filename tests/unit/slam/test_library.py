@@ -8,7 +8,7 @@ import pytest
 from neuse.slam.drift import drift_between
 from neuse.slam.library import ObjectLibrary, alike_in_place, similarity, unlikeness
 from neuse.slam.object_frames import frames_at
-from neuse.slam.track import orthonormal_place, places_of, shape_noise
+from neuse.slam.track import orthonormal_places, places_of, shape_noise
 
 from .synthetic import make_thing
 from .test_association import scene_of, view_of
@@ -172,5 +172,14 @@ def test_places_stack_centres_axes_and_handles(scene):
 
 @pytest.mark.parametrize("handle", [[0.3, 0.1, 0.9], [0.0, 0.0, 2.0], [0.0, 0.0, 0.0]])
 def test_place_is_made_orthonormal(handle):
-    _, axis, right = orthonormal_place(np.array([[1.0, 2, 3], [0, 0, 5], handle]))
+    _, axis, right = orthonormal_places(np.array([[[1.0, 2, 3], [0, 0, 5], handle]]))[0]
     np.testing.assert_allclose([axis @ axis, right @ right, axis @ right], [1, 1, 0], atol=1e-12)
+
+
+def test_tracks_of_the_graph_come_by_turns_and_some_always(scene):
+    for track in scene.tracks:
+        track.in_graph = True
+    chosen = [[track.key for track in scene.library.by_turns([2, 99], 1)] for _ in range(4)]
+    assert chosen == [[0, 2], [1, 2], [2], [0, 2]]
+    scene.tracks[2].retired = True
+    assert [track.key for track in scene.library.by_turns([2], 10)] == [0, 1]

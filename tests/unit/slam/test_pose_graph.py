@@ -104,7 +104,10 @@ def test_poses_come_back_in_order_of_their_ids():
     for edge in noisy_edges(rng, poses, lags=(1,)):
         graph.add_edge(edge)
     graph.solve()
+    last = graph.poses(first=9)
     assert graph.poses().shape == (12, 4, 4)
+    np.testing.assert_array_equal(last, graph.poses()[9:])
+    np.testing.assert_array_equal(last, graph.poses(first=9))
     np.testing.assert_allclose(graph.poses(), poses, atol=0.2)
     np.testing.assert_allclose(
         graph.poses()[:, :3, :3] @ graph.poses()[:, :3, :3].swapaxes(1, 2),
@@ -142,6 +145,7 @@ def test_landmark_seen_from_two_poses_is_placed_and_ties_them():
     np.testing.assert_allclose(graph.poses()[1], poses[1], atol=1e-4)
     for j, point in enumerate(points):
         np.testing.assert_allclose(graph.points()[j], point, atol=1e-3)
+    assert list(graph.points([2, 99])) == [2]
 
 
 def test_covariance_of_a_chain_adds_up():
