@@ -11,7 +11,7 @@ NODES := neuse_encoder_node neuse_slam_node neuse_mapper_node bags
 
 MESSAGE_SOURCES := $(wildcard neuse_msgs/*/* neuse_msgs/CMakeLists.txt neuse_msgs/package.xml)
 PACKAGE_SOURCES := $(wildcard neuse/CMakeLists.txt neuse/package.xml \
-	$(foreach node,$(NODES),$(node)/package.xml $(node)/setup.py $(node)/setup.cfg $(node)/*/*.yaml $(node)/*/*.py))
+	$(foreach node,$(NODES),$(node)/package.xml $(node)/setup.py $(node)/setup.cfg $(node)/config/* $(node)/*/*.py $(node)/*/*/*.py))
 COLCON := env -u PYTHONPATH PATH="$(VENV)/bin:$$PATH" AMENT_PREFIX_PATH="$(VENV)" CMAKE_PREFIX_PATH="$(VENV)" \
 	colcon --log-base log build --symlink-install --event-handlers desktop_notification-
 
