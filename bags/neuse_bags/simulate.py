@@ -9,23 +9,18 @@ from collections import Counter
 from itertools import islice
 from pathlib import Path
 
-import numpy as np
 from std_msgs.msg import UInt32
 from tqdm import tqdm
 
-from neuse.evaluation.truth import TrueObject
+from neuse.evaluation.simulated_truth import is_clearly_seen, true_object
 from neuse.records import ObjectChange
 from neuse.simulation.worlds import PRESETS, SimulatedFrame, make_world, simulate
-from neuse.simulation.worlds import TrueObject as PlacedShape
 from neuse_bags import topics
 from neuse_bags.cli import check_at_least, command_parser, run_command, stop_on_signal
 from neuse_bags.conversions import WORLD_FRAME, odometry_to_msg, true_map_to_msg
 from neuse_bags.frames import write_frame
 from neuse_bags.mcap_file import BagWriter
 from neuse_slam_node.conversions import change_to_msg
-
-CLEARLY_SEEN_PX = 1000
-CLEARLY_SEEN_M = 2.0
 
 
 class TruthWriter:
@@ -47,7 +42,7 @@ class TruthWriter:
             self._write_map(simulated)
         if self._last is None or simulated.traversal != self._last.traversal:
             self._writer.write(topics.TRUE_TRAVERSAL.name, UInt32(data=simulated.traversal), stamp_ns)
-        self._seen.update(item.object_id for item in simulated.objects if _is_clearly_seen(item, simulated))
+        self._seen.update(item.object_id for item in simulated.objects if is_clearly_seen(item, simulated))
         self._last = simulated
 
     def finish(self) -> None:
@@ -60,20 +55,9 @@ class TruthWriter:
         self._writer.write(topics.TRUE_CHANGES.name, change_to_msg(change, WORLD_FRAME), change.stamp_ns)
 
     def _write_map(self, simulated: SimulatedFrame) -> None:
-        objects = [_true_object(item, self._seen[item.object_id]) for item in simulated.objects]
+        objects = [true_object(item, self._seen[item.object_id]) for item in simulated.objects]
         stamp_ns = simulated.frame.stamp_ns
         self._writer.write(topics.TRUE_MAP.name, true_map_to_msg(stamp_ns, objects), stamp_ns)
-
-
-def _is_clearly_seen(item: PlacedShape, simulated: SimulatedFrame) -> bool:
-    """Near and large in the picture, in the manner of the paper's rule for new objects (appendix)."""
-    range_m = np.linalg.norm(item.position - simulated.T_world_camera[:3, 3])
-    return bool(range_m <= CLEARLY_SEEN_M and simulated.visible_px.get(item.object_id, 0) >= CLEARLY_SEEN_PX)
-
-
-def _true_object(item: PlacedShape, n_seen: int) -> TrueObject:
-    size = np.ptp(item.shape.mesh.bounds, axis=0)
-    return TrueObject(item.object_id, item.shape.category, item.T_world_object, size, n_seen)
 
 
 def simulate_bag(args: argparse.Namespace) -> None:

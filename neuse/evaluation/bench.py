@@ -25,6 +25,7 @@ from neuse.evaluation.timing import Times
 
 SIZES = (10, 100, 1_000, 10_000)
 Figures = dict[str, Any]
+Reading = Callable[[Figures], float | None]
 
 
 @dataclass(frozen=True)
@@ -35,24 +36,30 @@ class Line:
     """
 
     name: str
-    value: Callable[[Figures], float | None]
+    value: Reading
     bar: str
     within: Callable[[float], bool]
     paper: str = "-"
-    work: Callable[[Figures], float | None] = lambda _: None
+    work: Reading = lambda _: None
 
 
-def _stage(name: str, key: str = "median_ms") -> Callable[[Figures], float | None]:
+def _stage(name: str, key: str = "median_ms") -> Reading:
     return lambda figures: figures["stages"][name][key]
 
 
-def _stage_line(name: str, stage: str, bar_ms: float, paper: str) -> Line:
-    return Line(
-        name, _stage(stage), f"<= {bar_ms}", lambda ms: ms <= bar_ms, paper, _stage(stage, "cpu_median_ms")
-    )
+def _stage_line(name: str, stage: str, most_ms: float, paper: str) -> Line:
+    return _at_most(name, most_ms, _stage(stage), _stage(stage, "cpu_median_ms"), paper)
 
 
-def _grown(name: str, size: int, key: str) -> Callable[[Figures], float | None]:
+def _growth_line(name: str, stage: str, size: int, key: str, most_ms: float) -> Line:
+    return _at_most(name, most_ms, _grown(stage, size, key), _grown(stage, size, f"cpu_{key}"))
+
+
+def _at_most(name: str, most_ms: float, value: Reading, work: Reading, paper: str = "-") -> Line:
+    return Line(name, value, f"<= {most_ms:g}", lambda ms: ms <= most_ms, paper, work)
+
+
+def _grown(name: str, size: int, key: str) -> Reading:
     def value(figures: Figures) -> float | None:
         row = figures["growth"][name].get(str(size))
         return row and row[key]
@@ -61,53 +68,14 @@ def _grown(name: str, size: int, key: str) -> Callable[[Figures], float | None]:
 
 
 LINES = (
-    Line(
-        "encoder, an object (ms)",
-        _stage("encoder"),
-        "<= 6",
-        lambda ms: ms <= 6,
-        "6",
-        _stage("encoder", "cpu_median_ms"),
-    ),
-    Line(
-        "alignment, 5 objects (ms)",
-        _stage("alignment"),
-        "<= 0.2",
-        lambda ms: ms <= 0.2,
-        "1",
-        _stage("alignment", "cpu_median_ms"),
-    ),
-    Line(
-        "decoding 20 000 points (ms)",
-        _stage("decoding"),
-        "<= 30",
-        lambda ms: ms <= 30,
-        "30",
-        _stage("decoding", "cpu_median_ms"),
-    ),
+    _stage_line("encoder, an object (ms)", "encoder", 6, "6"),
+    _stage_line("alignment, 5 objects (ms)", "alignment", 0.2, "1"),
+    _stage_line("decoding 20 000 points (ms)", "decoding", 30, "30"),
     Line("front end (fps)", lambda f: f["run"]["front_end_fps"], ">= 28", lambda fps: fps >= 28, "28"),
     Line("whole pipeline (fps)", lambda f: f["run"]["system_fps"], ">= 25", lambda fps: fps >= 25, "11"),
-    Line(
-        "association, 10 000 objects (ms)",
-        _grown("association", 10_000, "median_ms"),
-        "<= 2",
-        lambda ms: ms <= 2,
-        work=_grown("association", 10_000, "cpu_median_ms"),
-    ),
-    Line(
-        "optimisation, 10 000 keyframes, mean (ms)",
-        _grown("optimisation", 10_000, "mean_ms"),
-        "<= 25",
-        lambda ms: ms <= 25,
-        work=_grown("optimisation", 10_000, "cpu_mean_ms"),
-    ),
-    Line(
-        "the same, worst (ms)",
-        _grown("optimisation", 10_000, "worst_ms"),
-        "<= 250",
-        lambda ms: ms <= 250,
-        work=_grown("optimisation", 10_000, "cpu_worst_ms"),
-    ),
+    _growth_line("association, 10 000 objects (ms)", "association", 10_000, "median_ms", 2),
+    _growth_line("optimisation, 10 000 keyframes, mean (ms)", "optimisation", 10_000, "mean_ms", 25),
+    _growth_line("the same, worst (ms)", "optimisation", 10_000, "worst_ms", 250),
 )
 
 

@@ -61,13 +61,6 @@ def score_changes(
     )
 
 
-def change_place(change: ObjectChange) -> Array:
-    """(3,) where the object went, or where it was if it is gone."""
-    T = change.T_map_after if change.T_map_after is not None else change.T_map_before
-    assert T is not None
-    return T[:3, 3]
-
-
 def _distance_m(detected: ObjectChange, true: ObjectChange, T_world_map: Array) -> float:
     """Largest distance of the places; infinite when the changes cannot be the same."""
     if detected.kind != true.kind or detected.category != true.category or detected.stamp_ns < true.stamp_ns:

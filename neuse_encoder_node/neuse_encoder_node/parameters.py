@@ -30,12 +30,6 @@ def read_parameters(node: Node, defaults: Params) -> Params:
     return build(defaults, {name: tuple(v) if _is_array(v) else v for name, v in values.items()})
 
 
-def ros_defaults(node_name: str, defaults: Any) -> dict[str, Any]:
-    """What the node's YAML file holds."""
-    values = {name: to_ros(value) for name, value in flatten(defaults).items()}
-    return {f"/**/{node_name}": {"ros__parameters": values}}
-
-
 def to_ros(value: Any) -> Any:
     """A field's value as a ROS parameter has it: tuples are arrays."""
     return list(value) if isinstance(value, tuple) else value

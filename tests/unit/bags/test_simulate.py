@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from neuse.evaluation.simulated_truth import CLEARLY_SEEN_M, CLEARLY_SEEN_PX
 from neuse.geometry import exp, make_transform
 from neuse.records import ChangeKind, ObjectChange, OdometrySample, RgbdFrame
 from neuse.simulation.shapes import make_shape
@@ -15,7 +16,7 @@ from neuse_bags import topics
 from neuse_bags.frames import read_frames, read_odometry
 from neuse_bags.mcap_file import BagReader, BagWriter
 from neuse_bags.recording import read_truth
-from neuse_bags.simulate import CLEARLY_SEEN_M, CLEARLY_SEEN_PX, TruthWriter, main
+from neuse_bags.simulate import TruthWriter, main
 
 HERE, THERE = make_transform(np.eye(3), [0, 0, 0.8]), make_transform(np.eye(3), [1, 0, 0.8])
 SHAPE = make_shape("box", "mug", trimesh.creation.box((0.1, 0.08, 0.12)))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from neuse.evaluation.changes import change_place, score_changes
+from neuse.evaluation.changes import score_changes
 from neuse.geometry import Array, inverse, make_transform
 from neuse.records import ChangeKind, ObjectChange
 
@@ -83,8 +83,3 @@ def test_places_are_compared_in_the_world(T_any: Array) -> None:
     )
     assert score_changes([detected], [moved], T_any).matches == ((0, 0),)
     assert score_changes([detected], [moved], np.eye(4)).matches == ()
-
-
-def test_place_of_a_change_is_where_the_object_is_now() -> None:
-    np.testing.assert_array_equal(change_place(TRUE[2]), FAR)
-    np.testing.assert_array_equal(change_place(TRUE[1]), THERE)
