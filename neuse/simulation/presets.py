@@ -161,7 +161,6 @@ _FOUR_ROUND = WorldPreset(
     frames=900,
     approach_m=1.0,
     faults=real(),
-    odometry=visual_odometry_noise(),
 )
 
 _INFINITY_TABLES = (
@@ -196,7 +195,6 @@ _TRIPLE_INFINITY = WorldPreset(
     frames=800,
     approach_m=1.0,
     faults=real(),
-    odometry=visual_odometry_noise(),
 )
 
 PRESETS = {
