@@ -12,9 +12,21 @@ from neuse.evaluation.estimate import REPORTED_STAGES, Estimate
 from neuse.evaluation.evaluation import Evaluation
 from neuse.records import EdgeKind, MapObject, ObjectStatus
 
-STYLE = """body { font: 15px/1.5 system-ui, sans-serif; max-width: 68em; margin: 2em auto; color: #222 }
-table { border-collapse: collapse; margin: 1em 0 } td, th { border: 1px solid #ccc; padding: .25em .7em }
-th { background: #f3f3f3; text-align: left } img { max-width: 100% } h2 { margin-top: 1.6em }"""
+STYLE = """body { font: 15px/1.5 system-ui, sans-serif; color: #222 }
+body { max-width: 68em; margin: 2em auto; padding: 0 1em }
+table { border-collapse: collapse; margin: 1em 0; display: block; overflow-x: auto }
+td, th { border: 1px solid #ccc; padding: .25em .7em } th { background: #f3f3f3; text-align: left }
+img { max-width: 100% } h2 { margin-top: 1.6em } pre { overflow-x: auto } code { overflow-wrap: anywhere }
+.bar { background: #738fc7; height: .9em; min-width: 1px } .bars { width: 12em }"""
+PAGE = """<!DOCTYPE html>
+<html lang='en'><head><meta charset='utf-8'>
+<meta name='viewport' content='width=device-width, initial-scale=1'>
+<title>{title}</title><style>{style}</style></head>
+<body>
+<h1>{title}</h1>
+{body}
+</body></html>
+"""
 RECONSTRUCTION_TEXT = (
     "Each shape is decoded from the code of this one view. Dots are the depth readings under its mask: black "
     "within 1 cm of the surface, red further away. A high share says that the surface passes by what was "
@@ -136,20 +148,26 @@ def summary_text(report: Mapping[str, Any]) -> str:
     return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
 
 
+def page(title: str, body: str) -> str:
+    """A page that needs no other file and fits a phone.
+
+    body: HTML.
+    """
+    return PAGE.format(title=html.escape(title), style=STYLE, body=body)
+
+
 def html_page(title: str, report: Mapping[str, Any], pictures: Sequence[tuple[str, bytes]]) -> str:
-    """A page that needs no other file.
+    """The report of a run as a page.
 
     pictures: (caption, PNG) in order.
     """
-    stages = [(name, _quantity(ms, "ms", 2)) for name, ms in report["stage_ms"].items()]
-    figures = "\n".join(f"<h2>{html.escape(caption)}</h2>\n{_image(data)}" for caption, data in pictures)
-    figures += _reconstruction_part(report.get("reconstructions"))
-    return (
-        f"<!DOCTYPE html>\n<html lang='en'><head><meta charset='utf-8'><title>{html.escape(title)}</title>\n"
-        f"<style>{STYLE}</style></head><body>\n<h1>{html.escape(title)}</h1>\n{_table(summary_rows(report))}\n"
-        f"{figures}\n<h2>Mean time of each stage</h2>\n{_table(stages)}\n"
-        f"<h2>All figures</h2>\n<pre>{html.escape(json.dumps(report, indent=2))}</pre>\n</body></html>\n"
-    )
+    parts = [_table(summary_rows(report))]
+    parts += [f"<h2>{html.escape(caption)}</h2>\n{_image(data)}" for caption, data in pictures]
+    parts += [_reconstruction_part(report.get("reconstructions"))]
+    parts += ["<h2>Mean time of each stage</h2>", _stage_table(report["stage_ms"])]
+    figures = html.escape(json.dumps(report, indent=2))
+    parts += [f"<details><summary>All figures</summary><pre>{figures}</pre></details>"]
+    return page(title, "\n".join(part for part in parts if part))
 
 
 def _reconstruction_part(shapes: Mapping[str, Any] | None) -> str:
@@ -169,12 +187,24 @@ def _reconstruction_part(shapes: Mapping[str, Any] | None) -> str:
     ]
     lines = "".join(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
     heads = "".join(f"<th>{name}</th>" for name in header)
-    return f"\n<p>{RECONSTRUCTION_TEXT}</p>\n<table><tr>{heads}</tr>{lines}</table>"
+    return f"<p>{RECONSTRUCTION_TEXT}</p>\n<table><tr>{heads}</tr>{lines}</table>"
 
 
 def _table(rows: Sequence[tuple[str, str]]) -> str:
     cells = (f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>" for name, value in rows)
     return f"<table>{''.join(cells)}</table>"
+
+
+def _stage_table(stage_ms: Mapping[str, float | None]) -> str:
+    """Milliseconds by stage, the longest time with the longest bar."""
+    longest_ms = max((ms for ms in stage_ms.values() if ms), default=1.0)
+    bar = "<div class='bar' style='width: {:.0f}%'></div>"
+    rows = (
+        f"<tr><th>{html.escape(name)}</th><td>{_quantity(ms, 'ms', 2)}</td>"
+        f"<td class='bars'>{bar.format(100.0 * (ms or 0.0) / longest_ms)}</td></tr>"
+        for name, ms in stage_ms.items()
+    )
+    return f"<table>{''.join(rows)}</table>"
 
 
 def _image(data: bytes) -> str:

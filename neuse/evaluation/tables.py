@@ -17,7 +17,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from neuse.evaluation.comparison import ComparisonText, beside_external_slam, beside_geometry
-from neuse.evaluation.report import STYLE
+from neuse.evaluation.report import page
 from neuse.evaluation.results import Result, Results
 
 SYNTHETIC = ("synthetic-planar", "synthetic-nonplanar")
@@ -224,17 +224,14 @@ def _median(row: Row, runs: Sequence[Result]) -> str:
     return f"{median(values):.{row.digits}f}" if values else "-"
 
 
-def write_page(tables: Sequence[Table], docs: Path | None, page: Path) -> None:
+def write_page(tables: Sequence[Table], docs: Path | None, file: Path) -> None:
     """All tables as Markdown, if asked for, and as a page that needs no other file."""
     if docs is not None:
         docs.parent.mkdir(parents=True, exist_ok=True)
         docs.write_text("# Results\n\n" + "\n".join(table.markdown() for table in tables))
     body = "\n".join(table.html() for table in tables)
-    page.parent.mkdir(parents=True, exist_ok=True)
-    page.write_text(
-        f"<!DOCTYPE html>\n<html lang='en'><head><meta charset='utf-8'><title>Results</title>"
-        f"<style>{STYLE}</style></head><body><h1>Results</h1>\n{body}\n</body></html>\n"
-    )
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(page("Results", body))
 
 
 def main() -> None:
