@@ -52,6 +52,11 @@ class Results:
         first = self._first_seed
         return [self.get(variant, preset, seed) for seed in range(first, first + seeds)]
 
+    def of_nodes(self, preset: str) -> Result | None:
+        """report.json of the three nodes on the preset's first world; None if they were not run."""
+        path = self._folder / "nodes" / f"{preset}-{self._first_seed}" / "report.json"
+        return json.loads(path.read_text()) if path.exists() else None
+
     def others_over_seeds(self, name: str, preset: str, seeds: int) -> list[Result]:
         """What others make of the same worlds: the figures of comparison.OTHERS."""
         first = self._first_seed

@@ -165,6 +165,29 @@ def geometric(results: Results, seeds: int) -> Table:
     return _beside(beside_geometry(results, seeds), "geometric", seeds)
 
 
+def nodes(results: Results, _: int) -> Table:
+    """The node graph beside the pipeline, on the first world of each preset."""
+    lines = []
+    for preset in ("tabletop", *SYNTHETIC, *REAL):
+        pipeline, graph = results.over_seeds("full", preset, 1)[0], results.of_nodes(preset)
+        figures = (_run_cells(pipeline), _run_cells(graph) if graph else ("-",) * 3)
+        lines.append((preset, *(cell for pair in zip(*figures, strict=True) for cell in pair)))
+    names = ("ATE (m)", "changes", "objects")
+    return Table(
+        "The node graph beside the pipeline",
+        "One world of each kind, played at its recorded pace to the three nodes as processes; changes as "
+        "TP / FP / FN; objects mapped / to be mapped.",
+        "make evaluate",
+        ("", *(f"{name}, {system}" for name in names for system in ("pipeline", "nodes"))),
+        tuple(lines),
+    )
+
+
+def _run_cells(run: Result) -> tuple[str, str, str]:
+    counts = " / ".join(str(run["changes"][key]) for key in ("tp", "fp", "fn"))
+    return f"{run['ate_rmse_m']:.3f}", counts, f"{run['objects']['mapped']} / {run['objects']['true']}"
+
+
 def _beside(text: ComparisonText, name: str, seeds: int) -> Table:
     return Table(text.title, text.note, COMMAND.format(seeds=seeds, name=name), text.columns, text.rows)
 
@@ -176,6 +199,7 @@ TABLES = {
     "geometric": geometric,
     "trust": trust,
     "ablations": ablations,
+    "nodes": nodes,
 }
 
 

@@ -18,6 +18,9 @@ class Canned:
         assert variant in VARIANTS
         return [self.result(seed) for seed in range(seeds)]
 
+    def of_nodes(self, preset):
+        return self.result(2) if preset == "four-round" else None
+
     def others_over_seeds(self, name, preset, seeds):
         assert name in OTHERS
         return [defaultdict(lambda: 0.5, tp=2, fp=1, fn=3)] * seeds
@@ -58,7 +61,7 @@ def test_every_row_of_every_table_fills_its_columns(name):
     table = TABLES[name](Canned(), 3)
     assert table.rows
     assert {len(row) for row in table.rows} == {len(table.columns)}
-    assert name in table.command
+    assert name in table.command or table.command == "make evaluate"
 
 
 def test_localisation_gives_medians_and_dashes():
@@ -82,6 +85,12 @@ def test_trust_is_per_degree_of_freedom_and_leaves_out_what_is_unknown():
     assert row_of(table, "poses")[1:] == ("-", "-", "0")
     assert "8 of 64" in row_of(table, "loop closures wrong")[0]
     assert "8 of 64" in row_of(table, "the same before the gates")[0]
+
+
+def test_nodes_stand_beside_the_pipeline_where_they_were_run():
+    table = TABLES["nodes"](Canned(), 5)
+    assert row_of(table, "four-round")[1:5] == ("0.010", "0.030", "4 / 1 / 0", "4 / 1 / 0")
+    assert row_of(table, "tabletop")[1:] == ("0.010", "-", "4 / 1 / 0", "-", "11 / 12", "-")
 
 
 def test_variants_are_parameters_of_the_pipeline():
