@@ -1,6 +1,8 @@
 """Parameters: frozen dataclasses are the only home of a default, its meaning and its range."""
 
 import dataclasses
+import math
+from numbers import Integral, Real
 from typing import Any, TypeVar
 
 from neuse.errors import ParamError
@@ -14,17 +16,46 @@ def param(default: Any, description: str, low: float | None = None, high: float 
 
 
 class CheckedParams:
-    """Mixin: refuses values outside the declared ranges when the dataclass is built."""
+    """Mixin: refuses values of another kind than the default's, or outside the declared ranges."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            _check_kind(field, getattr(self, field.name))
             _check_range(field, getattr(self, field.name))
+
+
+def _check_kind(field: dataclasses.Field, value: Any) -> None:
+    nested = field.default_factory is not dataclasses.MISSING
+    fits = dataclasses.is_dataclass(value) if nested else _is_like(value, field.default)
+    if not fits:
+        sample = "its nested parameters" if nested else f"a value such as {field.default!r}"
+        raise ParamError(f"parameter {field.name} = {str(value)[:100]!r} is none; give it {sample}")
+
+
+def _is_like(value: Any, default: Any) -> bool:
+    """Whether the value is of the default's kind."""
+    match default:
+        case bool() | str():
+            return isinstance(value, type(default))
+        case int():
+            return isinstance(value, Integral) and not isinstance(value, bool)
+        case float():
+            return isinstance(value, Real) and not isinstance(value, bool)
+        case tuple() if default:
+            return isinstance(value, tuple | list) and all(
+                _is_like(item, default[0]) and _is_finite(item) for item in value
+            )
+    return True  # a field without default may be anything
+
+
+def _is_finite(value: Any) -> bool:
+    return not isinstance(value, Real) or abs(value) < math.inf
 
 
 def _check_range(field: dataclasses.Field, value: Any) -> None:
     low, high = field.metadata.get("low"), field.metadata.get("high")
     too_low, too_high = low is not None and not value >= low, high is not None and not value <= high
-    if too_low or too_high:
+    if too_low or too_high or not _is_finite(value):
         raise ParamError(
             f"parameter {field.name} = {value!r} is outside [{low}, {high}]; choose a value inside"
         )

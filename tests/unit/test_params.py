@@ -58,6 +58,38 @@ def test_value_outside_its_range_is_refused_with_name_value_and_range(value):
         Inner(gate_m=value)
 
 
+@dataclass(frozen=True)
+class Kinds(CheckedParams):
+    on: bool = param(True, "a switch")
+    share: float = param(0.5, "without a range")
+    count: int = param(2, "without a range")
+    names: tuple[str, ...] = param(("a",), "of any number")
+    pose: tuple[float, ...] = param((0.0, 1.0), "of any number")
+    inner: Inner = field(default_factory=Inner)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("on", 1), ("share", "half"), ("share", True), ("count", 2.0), ("count", None), ("names", "a"),
+     ("names", (1,)), ("pose", (0.0, float("nan"))), ("pose", ("x",)), ("inner", 3), ("inner", {})],
+)  # fmt: skip
+def test_value_of_another_kind_than_the_default_is_refused(name, value):
+    with pytest.raises(ParamError, match=f"parameter {name} = .* is none"):
+        build(Kinds(), {name: value})
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("-inf")])
+def test_number_that_is_not_finite_is_refused_without_a_range_too(value):
+    with pytest.raises(ParamError, match="share"):
+        Kinds(share=value)
+
+
+def test_numbers_of_like_kinds_are_taken():
+    import numpy as np
+
+    assert Kinds(share=1, count=np.int64(4), names=(), pose=[1, np.float32(2.0)]).share == 1
+
+
 def test_one_sided_range_is_open_on_the_other_side():
     assert Outer(count=10**9).count == 10**9
     with pytest.raises(ParamError, match="count"):
