@@ -45,7 +45,7 @@ def test_order_of_the_points_that_are_no_anchors_does_not_matter(points):
 
 
 def test_clouds_of_a_batch_do_not_influence_each_other(points):
-    many = points.repeat(CHUNK, 1, 1)  # more than one chunk
+    many = points.repeat(CHUNK, 1, 1)  # more than a chunk
     vectors, _ = local_geometry(many, N_ANCHORS)
     torch.testing.assert_close(vectors[-1], local_geometry(points[-1:], N_ANCHORS)[0][0])
 
