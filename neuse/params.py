@@ -43,19 +43,19 @@ def _is_like(value: Any, default: Any) -> bool:
             return isinstance(value, Real) and not isinstance(value, bool)
         case tuple() if default:
             return isinstance(value, tuple | list) and all(
-                _is_like(item, default[0]) and _is_finite(item) for item in value
+                _is_like(item, default[0]) and not _is_nan(item) for item in value
             )
     return True  # a field without default may be anything
 
 
-def _is_finite(value: Any) -> bool:
-    return not isinstance(value, Real) or abs(value) < math.inf
+def _is_nan(value: Any) -> bool:
+    return isinstance(value, Real) and math.isnan(value)
 
 
 def _check_range(field: dataclasses.Field, value: Any) -> None:
     low, high = field.metadata.get("low"), field.metadata.get("high")
     too_low, too_high = low is not None and not value >= low, high is not None and not value <= high
-    if too_low or too_high or not _is_finite(value):
+    if too_low or too_high or _is_nan(value):
         raise ParamError(
             f"parameter {field.name} = {value!r} is outside [{low}, {high}]; choose a value inside"
         )

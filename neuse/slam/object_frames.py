@@ -15,6 +15,7 @@ from neuse.errors import InputError
 from neuse.geometry import Array
 from neuse.params import CheckedParams, param
 
+LARGEST = 1e4  # of the numbers in a code: metres, radians, cosines
 LEAST_SHARE = 0.01  # of a variance along the axis that stays, whatever the height says
 
 
@@ -133,10 +134,10 @@ def join_frames(parts: Sequence[ObjectFrames]) -> ObjectFrames:
 
 
 def is_usable(code: Code) -> bool:
-    """Whether every number of the code is finite, its sigmas are positive, and the correlation is one."""
-    numbers_finite = np.isfinite(code.z).all() and np.isfinite(code.descriptor).all()
-    sigmas_sound = np.isfinite(code.sigmas).all() and (code.sigmas > 0).all()
-    return bool(numbers_finite and sigmas_sound and abs(code.height_correlation) <= 1.0)
+    """Whether every number of the code is within reason, its sigmas are positive, the correlation is one."""
+    numbers = np.concatenate([code.z.ravel(), code.descriptor, code.sigmas])
+    sound = (np.abs(numbers) < LARGEST).all() and (code.sigmas > 0).all()  # NaN compares false
+    return bool(sound and abs(code.height_correlation) <= 1.0)
 
 
 def skews(vectors: Array) -> Array:

@@ -5,6 +5,7 @@ a message is an InputError whose `reason` is a key for counters.
 """
 
 from array import array
+from dataclasses import astuple
 from typing import Any
 
 import numpy as np
@@ -23,9 +24,17 @@ from neuse_msgs.msg import InstanceArray, ObjectObservation, ObjectObservationAr
 from neuse_msgs.msg import Intrinsics as IntrinsicsMsg
 from neuse_msgs.msg import Rejection as RejectionMsg
 
+FARTHEST_M = 1e4
+
 
 def stamp_from_msg(stamp: Time) -> int:
-    """A message stamp as integer nanoseconds."""
+    """A message stamp as integer nanoseconds.
+
+    Raises:
+        InputError: `stamp`, it is before 1970 or has more nanoseconds than a second.
+    """
+    if stamp.sec < 0 or stamp.nanosec >= 10**9:
+        raise InputError("stamp", f"stamp {stamp.sec} s {stamp.nanosec} ns is no time; send one of a clock")
     return stamp.sec * 10**9 + stamp.nanosec
 
 
@@ -118,20 +127,29 @@ def observation_from_msg(message: ObjectObservation) -> Observation:
     """One object seen in one frame.
 
     Raises:
-        InputError: `array_length`, in the code, or in a cloud that is not m x 3.
+        InputError: `array_length`, in the code, or in a cloud that is not m x 3; `not_finite`, in cloud,
+            centre or score. Codes that are not finite are for the tracker to count.
     """
     if len(message.cloud) % 3:
         raise InputError("array_length", f"cloud has {len(message.cloud)} numbers; send 3 a point")
-    center = message.partial_center
+    cloud = np.array(message.cloud, dtype=np.float32).reshape(-1, 3)
+    center = np.array([message.partial_center.x, message.partial_center.y, message.partial_center.z])
+    if not (_is_near(cloud) and _is_near(center) and np.isfinite(message.score)):
+        raise InputError("not_finite", f"cloud, centre or score of instance {message.label} is none; drop it")
     return Observation(
         label=message.label,
         score=message.score,
         code=code_from_msg(message.code),
-        cloud=np.array(message.cloud, dtype=np.float32).reshape(-1, 3),
-        partial_center=np.array([center.x, center.y, center.z]),
+        cloud=cloud,
+        partial_center=center,
         mask_px=message.mask_px,
         touches_border=bool(message.touches_border),
     )
+
+
+def _is_near(points: np.ndarray) -> bool:
+    """Whether all coordinates are finite and within any camera's range."""
+    return bool((np.abs(points) < FARTHEST_M).all())  # NaN compares false
 
 
 def observed_frame_to_msg(frame: ObservedFrame, frame_id: str) -> ObjectObservationArray:
@@ -174,8 +192,15 @@ def intrinsics_to_msg(intrinsics: Intrinsics) -> IntrinsicsMsg:
 
 
 def pinhole_from_msg(message: IntrinsicsMsg) -> Intrinsics:
-    """Pinhole camera, pixels."""
-    return Intrinsics(message.width, message.height, message.fx, message.fy, message.cx, message.cy)
+    """Pinhole camera, pixels.
+
+    Raises:
+        InputError: `intrinsics`, no camera has these.
+    """
+    made = Intrinsics(message.width, message.height, message.fx, message.fy, message.cx, message.cy)
+    if not (min(made.width, made.height, made.fx, made.fy) > 0 and np.isfinite(astuple(made)).all()):
+        raise InputError("intrinsics", f"{made} is no camera; send positive and finite numbers")
+    return made
 
 
 def floats(typecode: str, values: Any) -> array:

@@ -49,6 +49,7 @@ def category_names(entries: Sequence[str]) -> dict[str, str]:
 
 
 def _label(text: str) -> int:
-    if not text.isdecimal() or not 0 < int(text) < 2**32:
-        raise InputError("detection_id", f"detection has id {text!r}; send its label in the mask, from 1 on")
+    if not text.isdecimal() or len(text) > 20 or not 0 < int(text) < 2**32:
+        found = f"detection has id {text[:40]!r}"
+        raise InputError("detection_id", f"{found}; send its label in the mask, from 1 on")
     return int(text)

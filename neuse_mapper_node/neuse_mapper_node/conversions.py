@@ -22,6 +22,7 @@ from neuse_encoder_node.conversions import (
 )
 from neuse_msgs.msg import MapObject as MapObjectMsg
 from neuse_msgs.msg import ObjectMap as ObjectMapMsg
+from neuse_slam_node.conversions import check_code
 from neuse_slam_node.poses import pose_to_msg, transform_from_msg
 
 KINDS = {
@@ -43,7 +44,7 @@ def object_map_from_msg(message: ObjectMapMsg) -> ObjectMap:
     """The map at one instant.
 
     Raises:
-        InputError: `array_length`, `pose` or `enum_value`.
+        InputError: `array_length`, `pose`, `enum_value`, `box` or `code`.
     """
     stamp_ns = stamp_from_msg(message.header.stamp)
     return ObjectMap(stamp_ns, tuple(_object_from_msg(item) for item in message.objects))
@@ -97,14 +98,19 @@ def _object_from_msg(message: MapObjectMsg) -> MapObject:
     center, size = message.box_center, message.box_size
     if message.status not in list(ObjectStatus):
         raise InputError("enum_value", f"object {message.object_id} has status {message.status}; send 0 to 3")
+    box = np.array([center.x, center.y, center.z]), np.array([size.x, size.y, size.z])
+    if not (np.isfinite(box).all() and (box[1] >= 0).all()):
+        raise InputError("box", f"object {message.object_id} has no box; send finite, positive sides")
+    code = code_from_msg(message.code)
+    check_code(code)
     return MapObject(
         object_id=message.object_id,
         category=message.category,
         status=ObjectStatus(message.status),
         T_map_object=transform_from_msg(message.pose),
-        box_center=np.array([center.x, center.y, center.z]),
-        box_size=np.array([size.x, size.y, size.z]),
-        code=code_from_msg(message.code),
+        box_center=box[0],
+        box_size=box[1],
+        code=code,
         first_seen_ns=stamp_from_msg(message.first_seen),
         last_seen_ns=stamp_from_msg(message.last_seen),
         n_observations=message.n_observations,

@@ -12,6 +12,7 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry, Path
 
+from neuse.embedding.code import Code
 from neuse.errors import InputError
 from neuse.geometry import Array
 from neuse.records import (
@@ -25,6 +26,8 @@ from neuse.records import (
     TrackedFrame,
     TrackedObservation,
 )
+from neuse.slam.checks import is_covariance
+from neuse.slam.object_frames import is_usable
 from neuse_encoder_node.conversions import (
     header_to_msg,
     intrinsics_to_msg,
@@ -156,9 +159,11 @@ def tracked_frame_from_msg(message: TrackedFrameMsg) -> TrackedFrame:
     """A frame with its pose and objects.
 
     Raises:
-        InputError: `array_length`, `pose` or `enum_value`.
+        InputError: `array_length`, `pose`, `covariance`, `enum_value`, `intrinsics`, or `code` of an object.
     """
     T_map_camera, covariance = pose_with_covariance_from_msg(message.pose)
+    if not is_covariance(covariance):
+        raise InputError("covariance", "the pose's covariance is none; send a positive definite matrix")
     return TrackedFrame(
         stamp_ns=stamp_from_msg(message.header.stamp),
         T_map_camera=T_map_camera,
@@ -214,12 +219,21 @@ def _tracked_to_msg(tracked: TrackedObservation) -> TrackedObservationMsg:
 
 
 def _tracked_from_msg(message: TrackedObservationMsg) -> TrackedObservation:
+    observation, status = observation_from_msg(message.observation), _enum(MatchStatus, message.status)
+    if status != MatchStatus.TENTATIVE:
+        check_code(observation.code)
     return TrackedObservation(
-        observation=observation_from_msg(message.observation),
-        status=_enum(MatchStatus, message.status),
+        observation=observation,
+        status=status,
         object_id=message.object_id,
         similar_ids=tuple(message.similar_ids),
     )
+
+
+def check_code(code: Code) -> None:
+    """Raises InputError `code` unless this can be the code of an object."""
+    if not is_usable(code) or not code.category:
+        raise InputError("code", f"code of {code.category!r} is none; send finite numbers, positive sigmas")
 
 
 def _stack(keyframes: Sequence[Keyframe]) -> Array:

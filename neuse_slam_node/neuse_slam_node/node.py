@@ -54,7 +54,8 @@ class SlamNodeParams(StageParams):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if len(self.T_child_camera) != 7 or abs(np.linalg.norm(self.T_child_camera[3:]) - 1.0) > 0.01:
+        unit = abs(np.linalg.norm(self.T_child_camera[3:]) - 1.0) <= 0.01
+        if len(self.T_child_camera) != 7 or not unit or not np.isfinite(self.T_child_camera).all():
             raise ParamError(
                 f"parameter T_child_camera = {self.T_child_camera} is no pose; give x, y, z, qx, qy, qz, qw"
             )

@@ -14,6 +14,8 @@ from neuse.geometry import (
     transform_from_quaternion,
 )
 
+FARTHEST_M = 1e7  # from the origin of any map: earth-fixed coordinates come that far
+
 
 def pose_to_msg(T_target_source: Array) -> Pose:
     """A rigid transform as the pose of `source` in `target`."""
@@ -43,8 +45,9 @@ def transforms_from_msg(poses: Sequence[Pose]) -> Array:
     parts = [(pose.position, pose.orientation) for pose in poses]
     numbers = np.array([[p.x, p.y, p.z, q.x, q.y, q.z, q.w] for p, q in parts]).reshape(-1, 7)
     lengths = np.linalg.norm(numbers[:, 3:], axis=1)
-    for row in numbers[~(np.isfinite(numbers).all(axis=1) & (np.abs(lengths - 1.0) < 0.01))]:
-        raise InputError("pose", f"{row.tolist()} is no pose; send finite numbers and a unit quaternion")
+    near = (np.abs(numbers) < FARTHEST_M).all(axis=1)  # NaN compares false
+    for row in numbers[~(near & (np.abs(lengths - 1.0) < 0.01))]:
+        raise InputError("pose", f"{row.tolist()} is no pose; send metres and a unit quaternion")
     return transform_from_quaternion(numbers[:, 3:], numbers[:, :3])
 
 

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Pose, Quaternion
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, Pose, Quaternion
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CameraInfo
@@ -223,3 +224,67 @@ def test_wrong_pose_anywhere_in_a_frame_refuses_the_frame():
     message.edges[0].pose.pose.orientation.w = float("nan")
     with pytest.raises(InputError, match="no pose"):
         slam.tracked_frame_from_msg(message)
+
+
+@pytest.mark.parametrize(("sec", "nanosec"), [(-1, 0), (5, 10**9), (5, 2**32 - 1)])
+def test_stamp_that_is_no_time_is_refused(sec: int, nanosec: int):
+    with pytest.raises(InputError, match=f"stamp {sec} s {nanosec} ns is no time") as refused:
+        encoder.stamp_from_msg(Time(sec=sec, nanosec=nanosec))
+    assert refused.value.reason == "stamp"
+
+
+@pytest.mark.parametrize(("name", "value"), [("fx", 0.0), ("cy", float("nan")), ("width", 0)])
+def test_camera_that_is_none_is_refused(name: str, value: float):
+    message = encoder.intrinsics_to_msg(samples.INTRINSICS)
+    setattr(message, name, value)
+    with pytest.raises(InputError, match="is no camera"):
+        encoder.pinhole_from_msg(message)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), 1e5])
+@pytest.mark.parametrize("part", ["cloud", "center"])
+def test_points_beyond_any_camera_are_refused(part: str, value: float):
+    message = encoder.observation_to_msg(samples.observation())
+    if part == "cloud":
+        message.cloud[4] = value
+    else:
+        message.partial_center.y = value
+    with pytest.raises(InputError, match="instance 7") as refused:
+        encoder.observation_from_msg(message)
+    assert refused.value.reason == "not_finite"
+
+
+@pytest.mark.parametrize("value", [float("nan"), 1e300])
+def test_code_that_is_none_is_refused_where_it_stands_for_an_object(value: float):
+    frame = slam.tracked_frame_to_msg(samples.tracked_frame(), "map", "camera")
+    matched, tentative = frame.observations
+    tentative.observation.code.z[0] = value
+    slam.tracked_frame_from_msg(frame)
+    matched.observation.code.z[0] = value
+    with pytest.raises(InputError, match="code of 'mug' is none"):
+        slam.tracked_frame_from_msg(frame)
+    object_map = mapper.object_map_to_msg(samples.object_map(), "map")
+    object_map.objects[0].code.descriptor[0] = value
+    with pytest.raises(InputError, match="code of 'mug' is none"):
+        mapper.object_map_from_msg(object_map)
+
+
+@pytest.mark.parametrize("value", [float("nan"), -1.0])
+def test_box_that_is_none_is_refused(value: float):
+    message = mapper.object_map_to_msg(samples.object_map(), "map")
+    message.objects[0].box_size.z = value
+    with pytest.raises(InputError, match="object 4 has no box"):
+        mapper.object_map_from_msg(message)
+
+
+@pytest.mark.parametrize("value", [float("nan"), -1.0])
+def test_covariance_that_is_none_is_refused(value: float):
+    message = slam.tracked_frame_to_msg(samples.tracked_frame(), "map", "camera")
+    message.pose.covariance[0] = value
+    with pytest.raises(InputError, match="covariance is none"):
+        slam.tracked_frame_from_msg(message)
+
+
+def test_pose_beyond_any_map_is_refused():
+    with pytest.raises(InputError, match="no pose"):
+        poses.transform_from_msg(Pose(position=Point(x=1e8)))

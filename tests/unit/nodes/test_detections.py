@@ -46,7 +46,7 @@ def test_header_is_kept():
     assert instances_from_detections(array(header=header), {}).header == header
 
 
-@pytest.mark.parametrize("label", ["0", "-1", "a7c1", "1.5", "", str(2**32)])
+@pytest.mark.parametrize("label", ["0", "-1", "a7c1", "1.5", "", str(2**32), "9" * 5000])
 def test_id_that_is_no_label_is_refused(label: str):
     with pytest.raises(InputError, match=r"id .*; send its label in the mask") as refused:
         instances_from_detections(array(detection("4", mug=1.0), detection(label, mug=1.0)), {})
