@@ -78,6 +78,8 @@ class Observer:
             return Rejection("unknown_category", f"{name}: no weights; known: {known}")
         if not instance.score >= params.min_score:  # nor is NaN a score
             return Rejection("low_score", f"{name}: score {instance.score:.2f}")
+        if instance.score > 1.0:
+            return Rejection("score_above_one", f"{name}: score {instance.score:g}; send shares of one")
         if len(pixels) == 0:
             return Rejection("empty_mask", f"{name}: no pixel of the mask has this label")
         if len(pixels) > params.max_image_share * frame.mask.size:

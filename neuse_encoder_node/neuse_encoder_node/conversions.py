@@ -134,7 +134,7 @@ def observation_from_msg(message: ObjectObservation) -> Observation:
         raise InputError("array_length", f"cloud has {len(message.cloud)} numbers; send 3 a point")
     cloud = np.array(message.cloud, dtype=np.float32).reshape(-1, 3)
     center = np.array([message.partial_center.x, message.partial_center.y, message.partial_center.z])
-    if not (_is_near(cloud) and _is_near(center) and np.isfinite(message.score)):
+    if not (_is_near(cloud) and _is_near(center) and 0.0 <= message.score <= 1.0):
         raise InputError("not_finite", f"cloud, centre or score of instance {message.label} is none; drop it")
     return Observation(
         label=message.label,

@@ -246,6 +246,13 @@ def test_detection_below_the_wanted_score_is_rejected(frame, fakes, score):
     assert reasons(observed) == ["low_score"]
 
 
+def test_score_that_is_no_share_is_rejected(frame, fakes):
+    instances = (replace(frame.instances[0], score=87.0), *frame.instances[1:])
+    observed = Observer(embeddings=fakes).observe(replace(frame, instances=instances))
+    assert labels(observed) == [2, 3]
+    assert reasons(observed) == ["score_above_one"]
+
+
 @pytest.mark.parametrize("offset", [0.6, np.nan])
 def test_code_far_from_its_points_is_rejected(frame, fakes, offset):
     fakes["bottle"].offset = offset
