@@ -1,9 +1,12 @@
 """Map files: objects and evidence of free space in one .npz, without pickle, written whole or not at all."""
 
 import json
+import math
 import os
 import zipfile
 import zlib
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,9 +16,12 @@ import numpy as np
 from neuse.embedding.code import Code
 from neuse.errors import MapFileError
 from neuse.geometry import Array
+from neuse.mapping.archive import read_arrays
 from neuse.mapping.keyframe_memory import KeyframeMemory, SeenKeyframe
 from neuse.mapping.object_library import ObjectLibrary, ObjectRecord, View
 from neuse.records import NO_ID, Intrinsics, ObjectStatus
+from neuse.slam.checks import is_rigid
+from neuse.slam.object_frames import is_usable
 
 FORMAT = "neuse-map"
 VERSION = 2
@@ -100,12 +106,18 @@ def save_map(path: Path, stored: StoredMap) -> None:
     """
     header, arrays = _to_arrays(stored)
     arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+    if not path.name or (path.exists() and not path.is_file()):
+        raise MapFileError(f"cannot write the map to {str(path)!r}: no name of a file")
     unfinished = path.with_name(path.name + ".part")
     try:
         with open(unfinished, "wb") as file:
             np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+            file.flush()
+            os.fsync(file.fileno())
         os.replace(unfinished, path)
-    except OSError as error:
+    except (OSError, ValueError) as error:  # the second for names that the system does not take
+        with suppress(OSError, ValueError):
+            unfinished.unlink(missing_ok=True)
         raise MapFileError(f"cannot write the map to {path}: {error}") from error
 
 
@@ -116,8 +128,7 @@ def load_map(path: Path) -> StoredMap:
         MapFileError: the file is missing, damaged, not a map, or of another version.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        arrays = read_arrays(path)
         header = json.loads(arrays.pop("header").tobytes())
     except FileNotFoundError as error:
         raise MapFileError(f"there is no map file {path}") from error
@@ -173,8 +184,13 @@ def _read_object(entry: dict[str, Any], i: int, arrays: dict[str, np.ndarray]) -
     z, points = _checked(arrays[f"z_{i}"], (-1, 3)), _checked(arrays[f"points_{i}"], (-1, 3))
     descriptor, sigmas = _checked(arrays[f"descriptor_{i}"], (-1,)), _checked(arrays[f"sigmas_{i}"], (6,))
     ObjectStatus(entry["status"])
-    correlation = float(entry["height_correlation"])
-    code = Code(entry["category"], bool(entry["ambiguous"]), z, descriptor, sigmas, correlation)
+    correlation, weight = float(entry["height_correlation"]), float(entry["weight"])
+    code = Code(_text(entry["category"]), bool(entry["ambiguous"]), z, descriptor, sigmas, correlation)
+    if not is_usable(code) or len(z) != len(descriptor) or len(z) < 4 or len(z) % 2:
+        raise ValueError(f"code of object {i} is none")
+    if not 0.0 < weight < math.inf or not len(points):
+        raise ValueError(f"object {i} has weight {weight} and {len(points)} points")
+    _check_whole(entry, [name for name in _SCALARS if name not in ("category", "weight")])
     return StoredObject(**{name: entry[name] for name in _SCALARS}, code=code, points=points)
 
 
@@ -182,9 +198,25 @@ def _read_keyframe(entry: dict[str, Any], i: int, arrays: dict[str, np.ndarray])
     ids, centers = arrays[f"seen_ids_{i}"], _checked(arrays[f"seen_centers_{i}"], (-1, 3))
     seen = {int(object_id): center for object_id, center in zip(ids, centers, strict=True)}
     pose, depth_mm = _checked(arrays[f"pose_{i}"], (4, 4)), arrays[f"depth_{i}"]
-    if depth_mm.ndim != 2 or depth_mm.dtype != np.uint16:
+    if depth_mm.ndim != 2 or depth_mm.dtype != np.uint16 or not depth_mm.size:
         raise ValueError(f"depth_{i} is {depth_mm.dtype} of shape {depth_mm.shape}")
+    if not is_rigid(pose):
+        raise ValueError(f"pose_{i} is no pose")
     return StoredKeyframe(int(entry["tick"]), pose, Intrinsics(**entry["intrinsics"]), depth_mm, seen)
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str) or not value:
+        raise ValueError(f"category {value!r}")
+    return value
+
+
+def _check_whole(entry: dict[str, Any], names: Sequence[str]) -> None:
+    """Raises ValueError where an entry is no whole number, or none that a message can hold."""
+    for name in names:
+        value = entry[name]
+        if not isinstance(value, int) or isinstance(value, bool) or abs(value) >= 2**63:
+            raise ValueError(f"{name} is {str(value)[:50]!r}")
 
 
 def _checked(array: np.ndarray, shape: tuple[int, ...]) -> Array:

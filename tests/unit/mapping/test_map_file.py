@@ -1,4 +1,7 @@
+import errno
 import json
+import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -170,6 +173,50 @@ def test_wrong_content_is_refused(tmp_path, changes):
         rewritten(path, **changes)
     with pytest.raises(MapFileError, match="damaged"):
         load_map(path)
+
+
+@pytest.mark.parametrize(
+    ("entry", "value"),
+    [("object_id", "7"), ("object_id", 2**63), ("last_tick", 1.5), ("weight", 0.0), ("weight", float("nan")),
+     ("category", ""), ("category", 4), ("height_correlation", 2.0), ("status", 9)],
+)  # fmt: skip
+def test_entry_that_is_none_is_refused(tmp_path, entry, value):
+    path = tmp_path / "map.npz"
+    save_map(path, stored_map())
+    with np.load(path) as file:
+        objects = json.loads(file["header"].tobytes())["objects"]
+    objects[1][entry] = value
+    with pytest.raises(MapFileError, match="damaged"):
+        load_map(rewritten(path, objects=objects))
+
+
+@pytest.mark.parametrize("changes", [{"sigmas_0": np.full(6, -1.0)}, {"pose_1": np.ones((4, 4))},
+                                     {"points_0": np.zeros((0, 3))}, {"depth_0": np.zeros((0, 8), np.uint16)}])  # fmt: skip
+def test_numbers_that_mean_nothing_are_refused(tmp_path, changes):
+    with pytest.raises(MapFileError, match="damaged"):
+        load_map(rewritten(tmp_path / "map.npz", **changes))
+
+
+@pytest.mark.parametrize("name", ["", "/", "/dev/null"])
+def test_place_that_is_no_file_is_refused_and_left_alone(name):
+    before = Path(name).stat()
+    with pytest.raises(MapFileError, match="no name of a file"):
+        save_map(Path(name), stored_map())
+    assert Path(name).stat().st_mode == before.st_mode
+
+
+def test_full_disk_leaves_the_old_map_and_no_remains(tmp_path, monkeypatch):
+    path, stored = tmp_path / "map.npz", stored_map()
+    save_map(path, stored)
+
+    def fill(number):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", fill)
+    with pytest.raises(MapFileError, match="No space left"):
+        save_map(path, stored_map(5, 9))
+    assert_equal(load_map(path), stored)
+    assert [file.name for file in tmp_path.iterdir()] == ["map.npz"]
 
 
 def test_objects_in_a_pickle_are_never_loaded(tmp_path):
