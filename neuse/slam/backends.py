@@ -100,9 +100,8 @@ class LandmarkBackend(_Base):
             half = _half_height(track.half_height) * axis
             starts = center + half, center - half, center + LEVER_M * handle
             for part in range(2 if _handle_hidden(record.frames, i) else 3):
-                self.graph.add_sighting(
-                    record.keyframe_id, 3 * track.key + part, points[part], covariances[part], starts[part]
-                )
+                seen = points[part], covariances[part], starts[part]
+                self.graph.add_sighting(record.keyframe_id, 3 * track.key + part, *seen, loose=part == HANDLE)
 
     def solve(self, loop_closed: bool) -> Array:
         if loop_closed:

@@ -17,6 +17,8 @@ from neuse.params import CheckedParams, param
 from neuse.records import Edge
 
 ORIGIN_SIGMA = 1e-4  # the first camera pose is the map's origin
+LOOSE_FACTOR = 10.0  # loose points may move so much further before they are relinearised
+POSE, POINT, LOOSE_POINT = "x", "p", "q"  # letters of gtsam's symbols
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class PoseGraph:
         self._isam = gtsam.ISAM2(_isam_params(self.params))
         self._new_factors = gtsam.NonlinearFactorGraph()
         self._new_values = gtsam.Values()
-        self._points: set[int] = set()
+        self._points: dict[int, int] = {}  # gtsam's keys
         self._poses: Array | None = None  # of the last solution, once all were asked for
 
     def add_origin(self, keyframe_id: int, T_map_camera: Array) -> None:
@@ -60,17 +62,24 @@ class PoseGraph:
         self._new_factors.add(edge_factor(edge, self.params.huber_sigmas if robust else None))
 
     def add_sighting(
-        self, keyframe_id: int, point_id: int, p_camera: Array, covariance: Array, p_map: Array
+        self,
+        keyframe_id: int,
+        point_id: int,
+        p_camera: Array,
+        covariance: Array,
+        p_map: Array,
+        loose: bool = False,
     ) -> None:
-        """A landmark point seen at p_camera (metres), covariance (3, 3); p_map starts a new point."""
+        """A landmark point seen at p_camera (metres), covariance (3, 3); p_map starts a new point.
+
+        loose: of a new point, hardly known along some direction. There it wanders with every solution, which
+        is no reason to relinearise all that sees it.
+        """
         if point_id not in self._points:
-            self._points.add(point_id)
-            self._new_values.insert(_point_key(point_id), np.asarray(p_map, dtype=np.float64))
-        self._new_factors.add(
-            sighting_factor(
-                _pose_key(keyframe_id), _point_key(point_id), p_camera, covariance, self.params.cauchy_sigmas
-            )
-        )
+            self._points[point_id] = gtsam.symbol(LOOSE_POINT if loose else POINT, point_id)
+            self._new_values.insert(self._points[point_id], np.asarray(p_map, dtype=np.float64))
+        keys = _pose_key(keyframe_id), self._points[point_id]
+        self._new_factors.add(sighting_factor(*keys, p_camera, covariance, self.params.cauchy_sigmas))
 
     def solve(self, iterations: int = 1) -> None:
         """Take in what was added and update the estimates.
@@ -99,9 +108,9 @@ class PoseGraph:
 
     def points(self, ids: Iterable[int] | None = None) -> dict[int, Array]:
         """{point id: (3,) position in the map} of all points, or of those ids that there are."""
-        chosen = self._points if ids is None else self._points.intersection(ids)
+        chosen = sorted(self._points) if ids is None else [i for i in ids if i in self._points]
         with _solver_errors():
-            return {i: self._isam.calculateEstimatePoint3(_point_key(i)) for i in sorted(chosen)}
+            return {i: self._isam.calculateEstimatePoint3(self._points[i]) for i in chosen}
 
     def _poses_from(self, first: int) -> Array:
         poses, key = list[Array](), _pose_key(first)
@@ -202,15 +211,22 @@ def sighting_factor(
 
 def _isam_params(params: SolverParams) -> gtsam.ISAM2Params:
     isam_params = gtsam.ISAM2Params()
-    isam_params.setRelinearizeThreshold(params.relinearize_m_rad)
+    isam_params.setRelinearizeThreshold(_thresholds(params.relinearize_m_rad))
     isam_params.relinearizeSkip = params.relinearize_every
     isam_params.setFactorization("QR")  # sigmas span five decades, too many for Cholesky's squares
     return isam_params
 
 
+def _thresholds(m_rad: float) -> gtsam.ISAM2ThresholdMap:
+    thresholds = gtsam.ISAM2ThresholdMap()
+    for letter, least in (
+        (POSE, [m_rad] * 6),
+        (POINT, [m_rad] * 3),
+        (LOOSE_POINT, [LOOSE_FACTOR * m_rad] * 3),
+    ):
+        thresholds.insert((letter, np.array(least)))
+    return thresholds
+
+
 def _pose_key(keyframe_id: int) -> int:
-    return gtsam.symbol("x", keyframe_id)
-
-
-def _point_key(point_id: int) -> int:
-    return gtsam.symbol("p", point_id)
+    return gtsam.symbol(POSE, keyframe_id)

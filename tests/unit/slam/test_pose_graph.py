@@ -148,6 +148,24 @@ def test_landmark_seen_from_two_poses_is_placed_and_ties_them():
     assert list(graph.points([2, 99])) == [2]
 
 
+def test_loose_points_are_no_reason_to_relinearise_what_sees_them():
+    """A point that is hardly known along one direction is pulled along it by 5 cm, and nothing else is."""
+    ranges_m, relinearised = [2.0, 2.0, 2.05, 2.05, 2.05], {}
+    for loose in (False, True):
+        graph = PoseGraph(SolverParams(relinearize_every=1))
+        graph.add_origin(0, np.eye(4))
+        graph.add_pose(0, np.eye(4))
+        moved_m = []
+        for range_m in ranges_m:
+            seen = np.array([0.0, 0.0, range_m])
+            graph.add_sighting(0, 7, seen, np.diag([1e-4, 1e-4, 0.09]), seen, loose)
+            graph.solve()
+            moved_m.append(np.abs(graph._isam.getDelta().at(graph._points[7])).max())
+        relinearised[loose] = min(moved_m[2:])
+        assert graph.points()[7][2] == pytest.approx(2.03, abs=0.005)
+    assert relinearised[False] < 0.01 < relinearised[True]
+
+
 def test_covariance_of_a_chain_adds_up():
     graph = PoseGraph()
     graph.add_origin(0, np.eye(4))
