@@ -198,8 +198,9 @@ def _normalized(vectors: Array) -> Array:
 def _noise(vectors: Array, sigmas: Array) -> Array:
     """Rotations turn axes and handles, translations move centres, both on the object's axes."""
     _, axes, handles = vectors
-    R = np.stack([handles, np.cross(axes, handles), axes], axis=-1)  # (n, 3, 3), p_frame = R @ p_object
+    K = skews(vectors[1:])  # of axes and of handles
+    R = np.stack([handles, (K[0] @ handles[..., None])[..., 0], axes], axis=-1)  # p_frame = R @ p_object
     noise = np.zeros((*vectors.shape, 6))
     noise[0, :, :, 3:] = R
-    noise[1:, :, :, :3] = -skews(vectors[1:]) @ R
+    noise[1:, :, :, :3] = -K @ R
     return noise * sigmas[:, None, :]

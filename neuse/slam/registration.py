@@ -7,7 +7,7 @@ import numpy as np
 
 from neuse.embedding.code import Code
 from neuse.errors import DegenerateGeometryError, InputError
-from neuse.geometry import Array
+from neuse.geometry import Array, make_transform
 from neuse.slam.object_frames import ObjectFrames, SigmaParams, reduce_codes, skews
 
 LEVER_M = 0.05  # at which directions count as points in `residual_m`: about half an object
@@ -180,10 +180,8 @@ def _horn(vectors_a: Array, vectors_b: Array, weights: Array) -> Array:
     moments -= weights[:, 0].sum(axis=1)[:, None, None] * (mean_b[:, :, None] * mean_a[:, None, :])
     U, _, Vt = np.linalg.svd(moments)
     U[:, :, 2] *= np.where(np.linalg.det(U @ Vt) < 0, -1.0, 1.0)[:, None]
-    T_b_a = np.tile(np.eye(4), (len(weights), 1, 1))
-    T_b_a[:, :3, :3] = U @ Vt
-    T_b_a[:, :3, 3] = mean_b - (T_b_a[:, :3, :3] @ mean_a[:, :, None])[..., 0]
-    return T_b_a
+    R_b_a = U @ Vt
+    return make_transform(R_b_a, mean_b - (R_b_a @ mean_a[:, :, None])[..., 0])
 
 
 def _differences(T_b_a: Array, vectors_a: Array, vectors_b: Array) -> Array:
