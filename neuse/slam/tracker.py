@@ -136,7 +136,7 @@ class ObjectTracker:
             return []
         params, library = self.association, self.library
         points = to_map(T_map_camera, view.frames.vectors)[0]
-        chosen = library.around(points, 2 * params.max_gate_m)
+        chosen = library.around(points, params.max_gate_m)
         if matched is None:
             chosen |= library.most_alike(view.codes, params.delta_shape, params.max_candidates + len(view))
         else:
