@@ -58,7 +58,7 @@ class Pipeline:
             self.slam.apply_change(change)
         tracked = self.slam.step(observed, odometry)
         localised = time.perf_counter()
-        changes = self.mapper.step(tracked, self.slam.keyframes)
+        changes = self.mapper.step(tracked, self.slam.moved_keyframes())
         for change in changes:
             self._feedback.add(change)
         mapped = time.perf_counter()

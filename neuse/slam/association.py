@@ -84,7 +84,12 @@ class Association:
 
 
 def associate(
-    view: View, tracks: Sequence[Track], drift: Array, prediction: Belief, params: AssociationParams
+    view: View,
+    tracks: Sequence[Track],
+    drift: Array,
+    prediction: Belief,
+    params: AssociationParams,
+    frame_index: int,
 ) -> Association:
     """Match the observations of a frame jointly.
 
@@ -93,7 +98,7 @@ def associate(
         prediction: the expected camera pose; its uncertainty is in `drift`.
     """
     places, shapes = places_of(tracks), similarity(view.codes, tracks)
-    alike = alike_in_place(view.codes, tracks, params.max_unlikeness)
+    alike = alike_in_place(view.codes, tracks, params.max_unlikeness, frame_index)
     pairs = _tracked_pairs(view, places, shapes, alike, drift, prediction.T_map_camera, params)
     matches = _heaviest_tracked(view, places, pairs, drift, prediction.T_map_camera, params)
     free = [i for i in range(len(view)) if i not in matches or not tracks[matches[i]].confirmed]

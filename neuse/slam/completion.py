@@ -20,6 +20,7 @@ def complete(
     drift: Array,
     belief: Belief,
     params: AssociationParams,
+    frame_index: int,
 ) -> tuple[Track | None, ...]:
     """Matches once the pose is known: contradicting ones go, free observations take what stands there.
 
@@ -33,7 +34,7 @@ def complete(
     if anchors:
         drift = drift_from(anchors, tracks)
     offsets_m, gates_m = _offsets_and_gates(view, tracks, belief, params)
-    alike = alike_in_place(view.codes, tracks, params.max_unlikeness)
+    alike = alike_in_place(view.codes, tracks, params.max_unlikeness, frame_index)
     columns = {track.key: m for m, track in enumerate(tracks)}
     result = [
         track if track is not None and offsets_m[i, columns[track.key]] <= 2 * gates_m[i] else None

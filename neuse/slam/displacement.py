@@ -27,7 +27,12 @@ class DisplacementWatch:
         self._contradictions: Counter[int] = Counter()
 
     def displaced(
-        self, view: View, matched: Sequence[Track | None], tracks: Sequence[Track], T_map_camera: Array
+        self,
+        view: View,
+        matched: Sequence[Track | None],
+        tracks: Sequence[Track],
+        T_map_camera: Array,
+        frame_index: int,
     ) -> list[Track]:
         """Those of the tracks that have been contradicted often enough by now."""
         clear = [i for i, code in enumerate(view.codes) if shape_noise(code) <= CLEAR_SHAPE_NOISE]
@@ -36,18 +41,24 @@ class DisplacementWatch:
                 self._contradictions.pop(track.key, None)
         missing = [t for t in tracks if t.confirmed and t not in matched]
         free = [i for i in clear if matched[i] is None]
-        taken = self._taken(view, free, missing, T_map_camera)
+        taken = self._taken(view, free, missing, T_map_camera, frame_index)
         self._contradictions.update(track.key for track in taken)
         return [track for track in taken if self._contradictions[track.key] >= self._enough]
 
     def _taken(
-        self, view: View, free: Sequence[int], missing: Sequence[Track], T_map_camera: Array
+        self,
+        view: View,
+        free: Sequence[int],
+        missing: Sequence[Track],
+        T_map_camera: Array,
+        frame_index: int,
     ) -> list[Track]:
         """Tracks in whose places these observations show something else."""
         if not free or not missing:
             return []
         seen = to_camera(T_map_camera, places_of(missing))[0]
         offsets_m = np.linalg.norm(view.frames.centers[free][:, None] - seen[None], axis=-1)
-        alike = alike_in_place([view.codes[i] for i in free], missing, self._params.max_unlikeness)
+        codes = [view.codes[i] for i in free]
+        alike = alike_in_place(codes, missing, self._params.max_unlikeness, frame_index)
         taken = (~alike & (offsets_m <= self._params.delta_prox_m)).any(axis=0)
         return [track for track, is_taken in zip(missing, taken, strict=True) if is_taken]

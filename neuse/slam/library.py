@@ -86,15 +86,10 @@ class ObjectLibrary:
         return self.table.at(rows["active"] & ~rows["confirmed"])
 
     def around(self, points: Array, radius_m: float) -> np.ndarray:
-        """(m,) mask of the table: active tracks around points (n, 3) of the map, or seen a moment ago.
-
-        The latter tell what `alike_in_place` means by a moment.
-        """
-        rows = self.table.rows
+        """(m,) mask of the table: active tracks around points (n, 3) of the map."""
         center = points.mean(axis=0)
         reach_m = radius_m + float(np.linalg.norm(points - center, axis=1).max())
-        since = rows["last_frame"].max(initial=0, where=rows["active"]) - RECENT_FRAMES
-        return self.table.near(center, reach_m) | (rows["active"] & (rows["last_frame"] >= since))
+        return self.table.near(center, reach_m)
 
     def most_alike(self, codes: Sequence[Code], delta_shape: float, most: int) -> np.ndarray:
         """(m,) mask of the table: active objects of the map alike in shape, not more than `most` a code."""
@@ -148,12 +143,12 @@ def unlikeness(some: Sequence[Code | Track], others: Sequence[Track]) -> Array:
 
 
 def alike_in_place(
-    some: Sequence[Code | Track], others: Sequence[Track], max_unlikeness: float
+    some: Sequence[Code | Track], others: Sequence[Track], max_unlikeness: float, frame_index: int
 ) -> np.ndarray:
     """(n, m) bool, whether these may be the others by their shapes, standing where those stand.
 
-    What was seen there a moment ago is hardly another object now, only half hidden: it may look more unlike.
+    What was seen there a moment before this frame is hardly another object now, only half hidden: it may look
+    more unlike.
     """
-    latest = max((track.last_frame for track in others), default=0)
-    recent = np.array([latest - track.last_frame <= RECENT_FRAMES for track in others], dtype=bool)
+    recent = np.array([frame_index - track.last_frame <= RECENT_FRAMES for track in others], dtype=bool)
     return unlikeness(some, others) <= np.where(recent, RECENT_FACTOR, 1.0) * max_unlikeness

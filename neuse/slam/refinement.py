@@ -6,7 +6,7 @@ does not, since it may turn within its own surface.
 """
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,13 +40,13 @@ class RefinementParams(CheckedParams):
 
 @dataclass(frozen=True)
 class _Scan:
-    """A keyframe and the points (m, 3) of each track that it sees, camera frame, metres."""
+    """A keyframe, how many points of each track it sees, how far off (metres), and all points prepared."""
 
     record: KeyframeRecord
-    clouds: Mapping[int, np.ndarray]
-
-    def points(self, keys: Sequence[int]) -> Array:
-        return np.concatenate([self.clouds[key] for key in keys]).astype(np.float64)
+    counts: Mapping[int, int]
+    range_m: float
+    points: small_gicp.PointCloud
+    tree: small_gicp.KdTree
 
 
 class Refiner:
@@ -63,31 +63,34 @@ class Refiner:
             clouds: (m, 3) points of each track that it sees, camera frame, metres.
             T_olds_new: (n, 4, 4) of the new keyframe relative to each of the last n, as tracked.
         """
-        scan = _Scan(new, clouds)
+        if not self.params.lags or len(clouds) < self.params.min_objects:
+            return []
+        scan = _scan(new, clouds)
         edges = [
             self._edge(old, scan, T_olds_new[old.record.keyframe_id - new.keyframe_id])
             for old in self._recent
+            if new.keyframe_id - old.record.keyframe_id <= self.params.lags
         ]
         self._recent.append(scan)
         return [edge for edge in edges if edge is not None]
 
     def _edge(self, old: _Scan, new: _Scan, T_old_new: Array) -> Edge | None:
         """The registration, None where it is not determined."""
-        common = sorted(old.clouds.keys() & new.clouds.keys())
+        common = old.counts.keys() & new.counts.keys()
         if len(common) < self.params.min_objects:
             return None
-        points = new.points(common)
         result = small_gicp.align(
-            old.points(common),
-            points,
+            old.points,
+            new.points,
+            old.tree,
             T_old_new,
             registration_type="GICP",
-            downsampling_resolution=RESOLUTION_M,
             max_correspondence_distance=self.params.max_distance_m,
             max_iterations=MAX_ITERATIONS,
         )
-        covariance = self._covariance(result.H, float(np.median(np.linalg.norm(points, axis=1))))
-        if result.num_inliers < MIN_INLIER_SHARE * len(points) or covariance is None:
+        covariance = self._covariance(result.H, new.range_m)
+        least_inliers = MIN_INLIER_SHARE * sum(new.counts[key] for key in common)
+        if result.num_inliers < least_inliers or covariance is None:
             return None
         before, after = old.record, new.record
         return Edge(
@@ -107,3 +110,10 @@ class Refiner:
         covariance = np.linalg.inv(hessian) * self.params.variance_scale * range_m**2
         covariance = (covariance + covariance.T) / 2
         return covariance if is_covariance(covariance) else None
+
+
+def _scan(record: KeyframeRecord, clouds: Mapping[int, np.ndarray]) -> _Scan:
+    points = np.concatenate(list(clouds.values())).astype(np.float64)
+    range_m = float(np.median(np.linalg.norm(points, axis=1)))
+    counts = {key: len(cloud) for key, cloud in clouds.items()}
+    return _Scan(record, counts, range_m, *small_gicp.preprocess_points(points, RESOLUTION_M))

@@ -24,7 +24,7 @@ from neuse.records import (
     TrackedObservation,
 )
 from neuse.slam.association import AssociationParams
-from neuse.slam.backends import Backend, EdgeBackend, LandmarkBackend
+from neuse.slam.backends import RECENT, Backend, EdgeBackend, LandmarkBackend
 from neuse.slam.checks import check_choice
 from neuse.slam.edges import EdgeBuilder, EdgeParams
 from neuse.slam.external import attach
@@ -93,6 +93,7 @@ class ObjectSlam:
         self._refiner = Refiner(params.refinement)
         self._backend = _backend(params)
         self._last_stamp_ns: int | None = None
+        self._first_moved = 0
 
     def step(self, frame: ObservedFrame, odometry: OdometrySample | None) -> TrackedFrame:
         """Track one frame.
@@ -173,6 +174,12 @@ class ObjectSlam:
         pairs = zip(self._keyframes.records, self._backend.latest_poses(), strict=True)
         return tuple(Keyframe(record.keyframe_id, record.stamp_ns, T) for record, T in pairs)
 
+    def moved_keyframes(self) -> tuple[Keyframe, ...]:
+        """Those that are new or may have moved since this was asked last; all of them after a closure."""
+        first, self._first_moved = self._first_moved, len(self._keyframes.records)
+        pairs = zip(self._keyframes.records[first:], self._keyframes.T_map_camera[first:], strict=True)
+        return tuple(Keyframe(record.keyframe_id, record.stamp_ns, T) for record, T in pairs)
+
     def trajectory(self) -> list[tuple[int, Array]]:
         """(stamp_ns, T_map_camera) of every frame, through its keyframe's latest estimate."""
         self._keyframes.T_map_camera = self._backend.latest_poses()
@@ -251,6 +258,8 @@ class ObjectSlam:
     def _solve(self, loop_closed: bool) -> None:
         T_last_camera = self._relative_to_last_keyframe()
         self._keyframes.T_map_camera = self._backend.solve(loop_closed)
+        first_moved = 0 if loop_closed else max(len(self._keyframes.records) - RECENT, 0)
+        self._first_moved = min(self._first_moved, first_moved)
         library, last = self._tracker.library, self._keyframes.records[-1]
         most = len(library.tracks) if loop_closed else PLACES_AT_ONCE
         self._backend.place_all(library.by_turns(last.keys.tolist(), most))

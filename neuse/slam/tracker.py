@@ -64,17 +64,17 @@ class ObjectTracker:
 
     def locate(self, view: View, prediction: Belief, motion: Motion) -> Located:
         """Associate the view and find the camera's pose (NeuSE IV-A, B)."""
-        found = self._associate(view, prediction, motion)
+        now, found = self._frame_index, self._associate(view, prediction, motion)
         belief = self._localize(view, found.tracks, prediction, found.T_map_camera)
         tracks = self._candidates(view, belief.T_map_camera, found.tracks)
         settled = self.library.table.drifts(tracks, self._drift)
-        matched = complete(view, found.tracks, tracks, settled, belief, self.association)
+        matched = complete(view, found.tracks, tracks, settled, belief, self.association, now)
         if matched != found.tracks:
             belief = self._localize(view, matched, prediction, belief.T_map_camera)
         matched = _joined(matched, found.apart)
         self.belief = belief
         self._advance(belief, motion)
-        for track in self._watch.displaced(view, matched, tracks, belief.T_map_camera):
+        for track in self._watch.displaced(view, matched, tracks, belief.T_map_camera, now):
             track.retired = True
         return Located(belief, matched, not self._used(view, matched), found.T_map_camera is not None)
 
@@ -122,7 +122,7 @@ class ObjectTracker:
             return associate_nearest(view, self.library.active(), self.association)
         tracks = self._candidates(view, prediction.T_map_camera)
         drift = self.library.table.drifts(tracks, self._drift + _worst_variances(motion.covariance))
-        return associate(view, tracks, drift, prediction, self.association)
+        return associate(view, tracks, drift, prediction, self.association, self._frame_index)
 
     def _candidates(
         self, view: View, T_map_camera: Array, matched: Sequence[Track | None] | None = None

@@ -61,7 +61,7 @@ def scene() -> Scene:
 
 def associated(scene, view, prediction=EXACT, drift_m=0.01, params=None):
     drift = drift_between(scene.tracks, np.array([1e-5, drift_m**2]))
-    return associate(view, scene.tracks, drift, prediction, params or AssociationParams())
+    return associate(view, scene.tracks, drift, prediction, params or AssociationParams(), 0)
 
 
 def moved(thing, shift) -> Thing:

@@ -22,7 +22,7 @@ def test_completion_fills_in_what_stands_in_its_place(scene):
     view = view_of(scene.things)
     partial = (scene.tracks[0], None, None, None, None)
     matched = complete(
-        view, partial, scene.tracks, np.zeros((len(scene.tracks), 2)), EXACT, AssociationParams()
+        view, partial, scene.tracks, np.zeros((len(scene.tracks), 2)), EXACT, AssociationParams(), 0
     )
     assert scene.names(matched) == [0, 1, 2, 3, 4]
 
@@ -31,7 +31,7 @@ def test_completion_drops_what_contradicts_the_pose(scene):
     view = view_of(scene.things[:2])
     wrong = (scene.tracks[2], scene.tracks[1])
     matched = complete(
-        view, wrong, scene.tracks, np.zeros((len(scene.tracks), 2)), EXACT, AssociationParams()
+        view, wrong, scene.tracks, np.zeros((len(scene.tracks), 2)), EXACT, AssociationParams(), 0
     )
     assert scene.names(matched) == [0, 1]
 
@@ -42,7 +42,7 @@ def test_completion_waits_where_drift_leaves_a_place_open(scene):
         track.mapped_at = np.array([0.0, reading])
     view = view_of(scene.things)
     partial = (scene.tracks[0], None, None, None, None)
-    matched = complete(view, partial, scene.tracks, np.zeros((5, 2)), EXACT, AssociationParams())
+    matched = complete(view, partial, scene.tracks, np.zeros((5, 2)), EXACT, AssociationParams(), 0)
     assert scene.names(matched) == [0, 1, None, None, None]
 
 
@@ -50,7 +50,7 @@ def test_completion_never_gives_one_track_twice(scene):
     thing = scene.things[0]
     view = view_of([moved(thing, [0.02, 0, 0]), moved(thing, [0.01, 0, 0])])
     matched = complete(
-        view, (None, None), scene.tracks, np.zeros((len(scene.tracks), 2)), EXACT, AssociationParams()
+        view, (None, None), scene.tracks, np.zeros((len(scene.tracks), 2)), EXACT, AssociationParams(), 0
     )
     assert scene.names(matched) == [None, 0]
 
@@ -69,5 +69,6 @@ def test_completion_lets_unambiguous_objects_choose_first(scene):
         np.zeros((1, 2)),
         EXACT,
         AssociationParams(),
+        0,
     )
     assert scene.names(order) == [None, 0]

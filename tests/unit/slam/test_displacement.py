@@ -32,8 +32,8 @@ def other(scene):
     return replace(thing, T_world_object=scene.things[0].T_world_object)
 
 
-def look(watch, scene, view, matched=(None,)):
-    return watch.displaced(view, matched, scene.tracks, np.eye(4))
+def look(watch, scene, view, matched=(None,), frame_index=0):
+    return watch.displaced(view, matched, scene.tracks, np.eye(4), frame_index)
 
 
 def test_third_clear_view_of_another_shape_displaces_the_object(watch, scene, other):
@@ -70,3 +70,14 @@ def test_tentative_tracks_are_not_watched(watch, scene, other):
     scene.tracks[0].confirmed = False
     for _ in range(5):
         assert look(watch, scene, view_of([other])) == []
+
+
+def test_what_was_seen_a_moment_ago_may_look_more_unlike_however_old_the_rest_is(watch, scene, other):
+    """A shape that is a little off is the same object, half hidden; a minute later it is another."""
+    known, unlike = scene.things[0].descriptor, other.descriptor
+    across = unlike - (unlike @ known) * known
+    cosine = 0.8
+    descriptor = cosine * known + np.sqrt(1 - cosine**2) * across / np.linalg.norm(across)
+    view = view_of([replace(other, descriptor=descriptor)])
+    for frame_index, displaced in ((10, []), (600, [scene.tracks[0]])):
+        assert [look(watch, scene, view, frame_index=frame_index) for _ in range(3)][-1] == displaced

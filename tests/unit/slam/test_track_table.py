@@ -94,10 +94,9 @@ def test_most_alike_objects_are_as_many_as_asked_for(library):
     assert not library.most_alike([codes[0]], -0.5, 40)[1]
 
 
-def test_tracks_around_are_those_in_reach_or_seen_a_moment_ago(library):
+def test_tracks_around_are_those_in_reach(library):
     points = np.array([[0.0, 0.0, 1.0], [0.5, 0.0, 1.0]])
-    latest = max(track.last_frame for track in library.active())
     around = library.table.at(library.around(points, 0.5))
     for track in library.active():
         reachable = np.linalg.norm(track.place[0] - points.mean(axis=0)) <= 0.75
-        assert (track in around) == (reachable or track.last_frame >= latest - 30)
+        assert (track in around) == reachable
