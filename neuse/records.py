@@ -14,6 +14,7 @@ from neuse.embedding.code import Code
 from neuse.geometry import Array
 
 NO_ID = -1
+MOST_PX = 1e6  # of any picture
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,12 @@ class Intrinsics:
     fy: float
     cx: float
     cy: float
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether a camera can have these: sizes and focal lengths above zero, nothing beyond all pixels."""
+        numbers = (self.width, self.height, self.fx, self.fy, self.cx, self.cy)
+        return min(numbers[:4]) > 0 and all(abs(number) < MOST_PX for number in numbers)  # NaN compares false
 
 
 @dataclass(frozen=True)

@@ -146,10 +146,11 @@ def _camera(entry: Any, key: str, size: tuple[int, int], path: Path) -> tuple[In
     try:
         fx, _, cx, _, fy, cy = map(float, entry["cam_K"][:6])
         scale_mm = float(entry["depth_scale"])
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         told = f"{path} lacks {error} of picture {key}; write {CAMERA_EXAMPLE}"
         raise InputError("scene_camera", told) from error
-    if not (min(fx, fy, scale_mm) > 0 and np.isfinite([fx, fy, cx, cy, scale_mm]).all()):
+    intrinsics = Intrinsics(*size, fx, fy, cx, cy)
+    if not (intrinsics.is_sound and 0 < scale_mm < np.inf):
         told = f"{path} has focal length {fx:g}, {fy:g} and depth_scale {scale_mm:g} in picture {key}"
         raise InputError("scene_camera", f"{told}; all must be above zero")
-    return Intrinsics(*size, fx, fy, cx, cy), scale_mm * 1e-3
+    return intrinsics, scale_mm * 1e-3

@@ -79,7 +79,7 @@ def read_json(path: Path, example: str) -> dict[str, Any]:
     except OSError as error:
         told = f"{path} cannot be read ({error.strerror}); write {example}"
         raise InputError(path.stem, told) from error
-    except ValueError as error:  # of JSON, or of its encoding
+    except (ValueError, RecursionError) as error:  # of JSON, or of its encoding
         raise InputError(path.stem, f"{path} is no JSON: {error}") from error
     if not isinstance(content, dict):
         raise InputError(path.stem, f"{path} holds a {type(content).__name__}; write {example}")
@@ -95,14 +95,15 @@ def intrinsics_from(values: Any, path: Path) -> Intrinsics:
     try:
         width, height = int(values["width"]), int(values["height"])
         fx, fy, cx, cy = (float(values[name]) for name in ("fx", "fy", "cx", "cy"))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(
             path.stem, f"{path} lacks {error}; write width, height, fx, fy, cx, cy in pixels"
         ) from error
-    if not (min(width, height, fx, fy) > 0 and np.isfinite([fx, fy, cx, cy]).all()):
+    made = Intrinsics(width, height, fx, fy, cx, cy)
+    if not made.is_sound:
         told = f"{path} has focal length {fx:g}, {fy:g} and size {width} x {height}"
         raise InputError(path.stem, f"{told}; write those of the calibrated camera in pixels")
-    return Intrinsics(width, height, fx, fy, cx, cy)
+    return made
 
 
 def make_instance(label: Any, category: Any, score: Any, path: Path, example: str) -> Instance:
@@ -113,10 +114,12 @@ def make_instance(label: Any, category: Any, score: Any, path: Path, example: st
     """
     try:
         made = Instance(int(label), str(category), float(score))
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError("instances", f"{path}: {error}; write {example}") from error
     if not 0 < made.label <= np.iinfo(np.uint16).max:
         raise InputError("instances", f"{path} has label {label}, which no mask can have; write {example}")
+    if not isinstance(category, str) or not category or not 0.0 <= made.score <= 1.0:
+        raise InputError("instances", f"{path} has {made}; write {example}, and scores as shares of one")
     return made
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from neuse.errors import InputError
 from neuse.geometry import transform_from_quaternion
 from neuse_bags.pictures import Poses
+from neuse_slam_node.poses import FARTHEST_M
 
 LATEST_NS = 2**31 * 10**9  # beyond what a message can hold
 
@@ -57,6 +58,8 @@ def _pose(words: list[str], path: Path, first_ns: int) -> tuple[int, np.ndarray]
         x, y, z, *q_xyzw = map(float, words[1:8])
         if len(words) < 8 or not np.isfinite([x, y, z, *q_xyzw]).all():
             raise ValueError(" ".join(words))
+        if abs(np.linalg.norm(q_xyzw) - 1.0) > 0.01 or np.abs([x, y, z]).max() >= FARTHEST_M:
+            raise ValueError(f"{' '.join(words)} is no pose in metres with a unit quaternion")
         T_frame_camera = transform_from_quaternion(q_xyzw, [x, y, z])
     except ValueError as error:
         raise InputError("tum", f"{path} is not `stamp_s x y z qx qy qz qw` a line: {error}") from error

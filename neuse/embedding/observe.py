@@ -138,7 +138,7 @@ def check_frame(frame: RgbdFrame) -> None:
             "intrinsics_size", f"camera info is for {size}, depth is {depth.shape[1]} x {depth.shape[0]}"
         )
     numbers = [camera.fx, camera.fy, camera.cx, camera.cy]
-    if not np.isfinite(numbers).all() or camera.fx <= 0 or camera.fy <= 0:
+    if not camera.is_sound:
         raise InputError("intrinsics", f"fx, fy, cx, cy = {numbers}: is the camera calibrated?")
     labels = [instance.label for instance in frame.instances]
     if len(set(labels)) != len(labels):

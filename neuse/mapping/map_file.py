@@ -200,9 +200,10 @@ def _read_keyframe(entry: dict[str, Any], i: int, arrays: dict[str, np.ndarray])
     pose, depth_mm = _checked(arrays[f"pose_{i}"], (4, 4)), arrays[f"depth_{i}"]
     if depth_mm.ndim != 2 or depth_mm.dtype != np.uint16 or not depth_mm.size:
         raise ValueError(f"depth_{i} is {depth_mm.dtype} of shape {depth_mm.shape}")
-    if not is_rigid(pose):
-        raise ValueError(f"pose_{i} is no pose")
-    return StoredKeyframe(int(entry["tick"]), pose, Intrinsics(**entry["intrinsics"]), depth_mm, seen)
+    intrinsics = Intrinsics(**entry["intrinsics"])
+    if not is_rigid(pose) or not intrinsics.is_sound:
+        raise ValueError(f"pose_{i} or its camera is none")
+    return StoredKeyframe(int(entry["tick"]), pose, intrinsics, depth_mm, seen)
 
 
 def _text(value: Any) -> str:

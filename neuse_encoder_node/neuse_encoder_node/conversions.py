@@ -5,7 +5,6 @@ a message is an InputError whose `reason` is a key for counters.
 """
 
 from array import array
-from dataclasses import astuple
 from typing import Any
 
 import numpy as np
@@ -198,7 +197,7 @@ def pinhole_from_msg(message: IntrinsicsMsg) -> Intrinsics:
         InputError: `intrinsics`, no camera has these.
     """
     made = Intrinsics(message.width, message.height, message.fx, message.fy, message.cx, message.cy)
-    if not (min(made.width, made.height, made.fx, made.fy) > 0 and np.isfinite(astuple(made)).all()):
+    if not made.is_sound:
         raise InputError("intrinsics", f"{made} is no camera; send positive and finite numbers")
     return made
 

@@ -118,7 +118,7 @@ def test_trajectory_file_is_read_with_the_stamps_of_the_pictures(picture_folder:
     assert read_tum(path / "ground_truth.tum") == []
 
 
-@pytest.mark.parametrize("text", ["0.0 1 2 3\n", "a b c d e f g h\n"])
+@pytest.mark.parametrize("text", ["0.0 1 2 3\n", "a b c d e f g h\n", "0.0 1 2 3 0 0 0 2\n", "0.0 1e9 2 3 0 0 0 1\n"])
 def test_trajectory_file_of_another_format_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "odometry.tum").write_text(text)
     with pytest.raises(InputError, match="stamp_s x y z"):
@@ -139,6 +139,9 @@ def test_stamp_that_no_message_can_hold_is_refused(picture_folder: Folder, stamp
         ({"id": 70000, "category": "mug"}, "has label 70000, which no mask can have"),
         ({"id": "one", "category": "mug"}, "'one'; write"),
         ({"id": 1, "category": "mug", "score": "high"}, "'high'; write"),
+        ({"id": 1, "category": "mug", "score": 87}, "scores as shares of one"),
+        ({"id": float("inf"), "category": "mug"}, "infinity"),
+        ({"id": 1, "category": ["mug"]}, "write"),
         (3, "an instance of frame 00 lacks"),
     ],
 )

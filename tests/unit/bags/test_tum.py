@@ -98,6 +98,8 @@ def _with_text(name: str, text: str):
         (_with("masks/instances.json", {"0": "mug"}), r"instances\.json has label 0, which no mask"),
         (_with("masks/instances.json", {"1305031102.180304": 1, "b": {}}), r"has no labels for 1305031102"),
         (_with_text("masks/instances.json", "{"), r"instances\.json is no JSON"),
+        (_with_text("masks/instances.json", "[" * 10**5), r"instances\.json is no JSON"),
+        (_with("camera.json", CAMERA | {"width": float("inf")}), r"camera\.json lacks cannot convert"),
         (_without("masks/1305031102.180304.png"), r"180304\.png does not exist; rgb\.txt asks"),
         (_with_text("depth.txt", "# nothing\n"), r"depth\.txt is not `stamp_s picture` a line"),
         (_with_text("depth.txt", "today depth/a.png\n"), r"depth\.txt: 'today' is no stamp; write seconds"),

@@ -190,8 +190,16 @@ def test_entry_that_is_none_is_refused(tmp_path, entry, value):
         load_map(rewritten(path, objects=objects))
 
 
-@pytest.mark.parametrize("changes", [{"sigmas_0": np.full(6, -1.0)}, {"pose_1": np.ones((4, 4))},
-                                     {"points_0": np.zeros((0, 3))}, {"depth_0": np.zeros((0, 8), np.uint16)}])  # fmt: skip
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"sigmas_0": np.full(6, -1.0)},
+        {"pose_1": np.ones((4, 4))},
+        {"points_0": np.zeros((0, 3))},
+        {"depth_0": np.zeros((0, 8), np.uint16)},
+    ],
+    ids=["sigmas", "pose", "no points", "no depth"],
+)
 def test_numbers_that_mean_nothing_are_refused(tmp_path, changes):
     with pytest.raises(MapFileError, match="damaged"):
         load_map(rewritten(tmp_path / "map.npz", **changes))
