@@ -118,7 +118,9 @@ def test_trajectory_file_is_read_with_the_stamps_of_the_pictures(picture_folder:
     assert read_tum(path / "ground_truth.tum") == []
 
 
-@pytest.mark.parametrize("text", ["0.0 1 2 3\n", "a b c d e f g h\n", "0.0 1 2 3 0 0 0 2\n", "0.0 1e9 2 3 0 0 0 1\n"])
+@pytest.mark.parametrize(
+    "text", ["0.0 1 2 3\n", "a b c d e f g h\n", "0.0 1 2 3 0 0 0 2\n", "0.0 1e9 2 3 0 0 0 1\n"]
+)
 def test_trajectory_file_of_another_format_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "odometry.tum").write_text(text)
     with pytest.raises(InputError, match="stamp_s x y z"):
