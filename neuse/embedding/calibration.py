@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from neuse.embedding.dataset import ViewSet
-from neuse.embedding.losses import frame_error
+from neuse.embedding.losses import frame_error, nearest_equivalent
 from neuse.embedding.network import Network
 from neuse.embedding.validation import decode_all, encode_all
 
@@ -14,7 +14,8 @@ def calibrate(network: Network, views: ViewSet, n_views: int = 2048) -> None:
     """Set `sigma_scale` and `occupancy_logit` of the network from held-out views, in place."""
     encoding, batch = encode_all(network, views, n_views)
     if network.architecture == "shipped":  # the paper's has no uncertainties
-        error = frame_error(encoding.frame, batch.target, network.ambiguous)
+        target = nearest_equivalent(encoding.frame, batch.target, network.symmetry)
+        error = frame_error(encoding.frame, target, network.ambiguous)
         normalised = error.components * torch.exp(-encoding.log_sigmas)
         # a robust spread, blind to flipped frames: 80 % of a normal distribution lie within 1.2816 sigmas
         spread = normalised.abs().quantile(0.8, dim=0) / 1.2816

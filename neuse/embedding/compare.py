@@ -50,8 +50,9 @@ def train_for(category: str, recipe: str, minutes: float, shards: int, data: Pat
     folder.mkdir(parents=True, exist_ok=True)
     weights, done = folder / f"{category}.safetensors", folder / f"{category}.json"
     if not done.exists():
-        params = replace(recipe_params(recipe, category), shards=shards, validation_shards=1)
-        views = load_views(ShapeSource(category), params, data)
+        source = ShapeSource(category)
+        params = replace(recipe_params(recipe, source.symmetry), shards=shards, validation_shards=1)
+        views = load_views(source, params, data)
         steps = max(int(60 * minutes / _seconds_a_step(Trainer(category, params, *views))), 1)
         run(Trainer(category, replace(params, steps=steps, warmup=max(steps // 20, 1)), *views), weights)
         done.write_text(json.dumps({"steps": steps}))

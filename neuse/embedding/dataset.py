@@ -13,6 +13,7 @@ from neuse.embedding.network import UNIT_M
 from neuse.embedding.views import POINT_UNIT_M
 from neuse.errors import InputError
 from neuse.geometry import Array
+from neuse.symmetry import BOX, Symmetry
 
 ONE_FAR_IN = 8  # queries: that one lies outside the object's box, for the decoder to know that it is empty
 SURFACE_POINTS = 512  # of a shard's, which are kept
@@ -43,10 +44,10 @@ class Batch(NamedTuple):
 class ViewSet:
     """All views of some shards."""
 
-    def __init__(self, paths: Sequence[Path], ambiguous: bool) -> None:
+    def __init__(self, paths: Sequence[Path], symmetry: Symmetry) -> None:
         shards = [_read(path) for path in paths]
         offsets = np.cumsum([0] + [len(shard["extents"]) for shard in shards])
-        self.ambiguous = ambiguous
+        self.symmetry = symmetry
         self.shape = np.concatenate([s["shape"] + o for s, o in zip(shards, offsets, strict=False)])
         self.arrays = {name: np.concatenate([s[name] for s in shards]) for name in PER_VIEW + PER_SHAPE}
         order = np.argsort(self.shape, kind="stable")
@@ -79,9 +80,8 @@ class ViewSet:
             raise InputError("few_shapes", f"{n_shapes} shapes a batch asked of {self.n_shapes}; add shards")
         shapes = rng.choice(self.n_shapes, n_shapes, replace=False)
         index = np.concatenate([rng.choice(self._views_of[shape], n_views) for shape in shapes])
-        stretch = np.exp(rng.uniform([-0.22, -0.15], [0.22, 0.15], (n_shapes, 2)))
-        scales = np.stack([stretch[:, 0], stretch[:, 0], stretch.prod(1)], -1)  # (S, 3) object frame
-        return self.batch(index, n_points, n_queries, rng, np.repeat(scales, n_views, axis=0), n_surface)
+        scales = np.repeat(self._draw_scales(n_shapes, rng), n_views, axis=0)
+        return self.batch(index, n_points, n_queries, rng, scales, n_surface)
 
     def batch(
         self,
@@ -102,7 +102,7 @@ class ViewSet:
         first = rng.integers(0, a["points"].shape[1] - n_points + 1)
         points = a["points"][index, first : first + n_points] * np.float32(POINT_UNIT_M) @ stretch
         axes = R * (a["extents"][shape] * scales)[:, None]
-        if self.ambiguous:
+        if self.symmetry.ambiguous:
             axes = axes * [0.0, 0.0, 1.0]
         queries, occupied = self._queries(shape, n_queries, rng)
         surface = a["surface"][shape[:, None], rng.integers(0, a["surface"].shape[1], n_surface)]
@@ -119,6 +119,13 @@ class ViewSet:
             seen(surface),
             torch.from_numpy(index),
         )
+
+    def _draw_scales(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        """(n, 3) factors along the axes of the object frame, such that the symmetry stays."""
+        if self.symmetry is BOX:
+            return np.exp(rng.uniform(-0.22, 0.22, (n, 3)))
+        stretch = np.exp(rng.uniform([-0.22, -0.15], [0.22, 0.15], (n, 2)))
+        return np.stack([stretch[:, 0], stretch[:, 0], stretch.prod(1)], -1)
 
     def _queries(self, shape: np.ndarray, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """(B, n, 3) points of the object frame, some of them far, and whether they are inside."""

@@ -34,15 +34,24 @@ def load_embedding(name: str | Path) -> "Embedding":
     Raises:
         WeightsError: neither a shipped category nor a readable weights file.
     """
-    path = Path(name)
-    if path.suffix == ".safetensors":
-        return Embedding(load_network(path))
+    path = weights_file(name)
+    return Embedding(load_network(path, None if path == Path(name) else str(name)))
+
+
+def weights_file(name: str | Path) -> Path:
+    """The file of a shipped category, or the file itself, which need not be there.
+
+    Raises:
+        WeightsError: neither a shipped category nor named as a weights file.
+    """
+    if Path(name).suffix == ".safetensors":
+        return Path(name)
     if str(name) not in shipped_categories():
         known = ", ".join(shipped_categories()) or "none"
         raise WeightsError(
             f"no weights for category {str(name)!r}; shipped: {known}; or give a .safetensors file"
         )
-    return Embedding(load_network(WEIGHTS / f"{name}.safetensors", str(name)))
+    return WEIGHTS / f"{name}.safetensors"
 
 
 class Embedding:
@@ -108,9 +117,11 @@ class Embedding:
         sigmas = torch.exp(encoding.log_sigmas.clamp(-8, 3)) * self.network.sigma_scale
         sigmas_si = np.maximum(sigmas.double().cpu().numpy() * SIGMA_UNITS, SIGMA_FLOOR)
         sigmas_si[:, :3] = np.minimum(sigmas_si[:, :3], np.pi)
-        if self.ambiguous:
-            sigmas_si[:, 2] = np.pi
+        untold = self.network.symmetry.untold
+        sigmas_si[:, untold] = np.pi
         along_axis, correlation = _centre_from_ends(sigmas_si[:, 5], sigmas_si[:, 6])
+        if 0 in untold:  # from another view the axis may be another one, of another height
+            correlation = np.zeros_like(correlation)
         frame_sigmas = np.concatenate([sigmas_si[:, :5], along_axis[:, None]], axis=1)
         descriptors = encoding.descriptor.double().cpu().numpy()
         return [

@@ -8,8 +8,23 @@ from torch.nn import functional as F
 
 from neuse.embedding.dataset import Batch
 from neuse.embedding.encoder import N_SIGMAS, Encoding
+from neuse.symmetry import Symmetry
 
 SOFTNESS = 0.02  # 2 mm: below this an error counts squared, above it by its length
+
+
+def nearest_equivalent(frame: Tensor, target: Tensor, symmetry: Symmetry) -> Tensor:
+    """Of the frames (B, 3, 4) equivalent to the target that for which `frame_loss` is least.
+
+    So the encoder may choose among what looks the same, and is asked no more than that it chooses.
+    """
+    if len(symmetry.turns) == 1:
+        return target
+    turns = torch.as_tensor(symmetry.turns).to(target)  # (g, 3, 3)
+    axes = target[:, None, :, 1:] @ turns  # (B, g, 3, 3)
+    errors = (frame[:, None, :, 1:] - axes).square().sum(2)  # (B, g, 3)
+    nearest = (errors + SOFTNESS**2).sqrt().sum(-1).argmin(-1)
+    return torch.cat([target[..., :1], axes[torch.arange(len(axes), device=axes.device), nearest]], -1)
 
 
 def frame_loss(frame: Tensor, target: Tensor) -> Tensor:
@@ -102,11 +117,12 @@ def sigma_loss(log_sigmas: Tensor, error: FrameError, ambiguous: bool) -> Tensor
     return nll[:, used].mean()
 
 
-def shipped_losses(encoding: Encoding, batch: Batch, ambiguous: bool) -> dict[str, Tensor]:
+def shipped_losses(encoding: Encoding, batch: Batch, symmetry: Symmetry) -> dict[str, Tensor]:
     """The losses of the shipped recipe that need no decoder."""
-    error = frame_error(encoding.frame.detach(), batch.target, ambiguous)
+    target = nearest_equivalent(encoding.frame.detach(), batch.target, symmetry)
+    error = frame_error(encoding.frame.detach(), target, symmetry.ambiguous)
     return {
-        "frame": frame_loss(encoding.frame, batch.target),
+        "frame": frame_loss(encoding.frame, target),
         "shape": shape_contrast_loss(encoding.descriptor, batch.shape),
-        "sigma": sigma_loss(encoding.log_sigmas, error, ambiguous),
+        "sigma": sigma_loss(encoding.log_sigmas, error, symmetry.ambiguous),
     }

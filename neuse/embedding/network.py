@@ -13,7 +13,8 @@ from torch import Tensor, nn
 from neuse.embedding.decoder import Decoder
 from neuse.embedding.encoder import N_SIGMAS, Encoder, EncoderConfig, Encoding
 from neuse.embedding.paper_encoder import PaperEncoder, PaperEncoderConfig
-from neuse.errors import WeightsError
+from neuse.errors import InputError, WeightsError
+from neuse.symmetry import AXIAL, NONE, Symmetry, symmetry_named
 
 FORMAT_VERSION = "2"
 UNIT_M = 0.1  # network units are decimetres
@@ -43,14 +44,19 @@ class Network(nn.Module):
     occupancy_logit: Tensor
 
     def __init__(
-        self, category: str, ambiguous: bool, config: EncoderConfig | PaperEncoderConfig | None = None
+        self, category: str, symmetry: Symmetry, config: EncoderConfig | PaperEncoderConfig | None = None
     ) -> None:
         super().__init__()
-        self.category, self.ambiguous, self.config = category, ambiguous, config or EncoderConfig()
-        self.encoder = ARCHITECTURES[self.architecture].encoder(self.config, ambiguous)
+        self.category, self.symmetry, self.config = category, symmetry, config or EncoderConfig()
+        self.encoder = ARCHITECTURES[self.architecture].encoder(self.config, symmetry.ambiguous)
         self.decoder = Decoder(self.config.n_latent)
         self.register_buffer("sigma_scale", torch.ones(N_SIGMAS))
         self.register_buffer("occupancy_logit", torch.zeros(()))
+
+    @property
+    def ambiguous(self) -> bool:
+        """Whether a turn about the axis cannot be seen."""
+        return self.symmetry.ambiguous
 
     @property
     def architecture(self) -> str:
@@ -85,7 +91,7 @@ def save_network(network: Network, path: Path, card: dict[str, object]) -> None:
         "format_version": FORMAT_VERSION,
         "category": network.category,
         "architecture": network.architecture,
-        "ambiguous": json.dumps(network.ambiguous),
+        "symmetry": network.symmetry.name,
         "config": json.dumps(dataclasses.asdict(network.config)),
         "card": json.dumps(card),
     }
@@ -135,11 +141,18 @@ def _rebuild(path: Path, metadata: dict[str, str], tensors: dict[str, Tensor]) -
         raise WeightsError(f"weights {path} are of architecture {architecture!r}; known: {known}")
     try:
         config = ARCHITECTURES[architecture].config(**json.loads(metadata["config"]))
-        network = Network(metadata["category"], json.loads(metadata["ambiguous"]), config)
+        network = Network(metadata["category"], _symmetry(metadata), config)
         network.load_state_dict(tensors)
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+    except (KeyError, TypeError, ValueError, RuntimeError, InputError) as error:
         raise WeightsError(f"weights {path} do not fit the network: {error}") from error
     for name, tensor in tensors.items():
         if not tensor.isfinite().all():
             raise WeightsError(f"weights {path} hold numbers in {name} that are not finite")
     return network
+
+
+def _symmetry(metadata: dict[str, str]) -> Symmetry:
+    """The first files said only whether it is axial."""
+    if "ambiguous" in metadata:
+        return AXIAL if json.loads(metadata["ambiguous"]) else NONE
+    return symmetry_named(metadata["symmetry"])

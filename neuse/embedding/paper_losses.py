@@ -8,15 +8,19 @@ from neuse.embedding.dataset import Batch
 from neuse.embedding.encoder import Encoding
 from neuse.embedding.horn import horn
 from neuse.embedding.losses import orthonormal
+from neuse.symmetry import Symmetry
 
 ORBIT = 8  # equivalent views N; the paper has 180, and sums where we take the mean
 
 
-def paper_losses(encoding: Encoding, batch: Batch, ambiguous: bool) -> dict[str, Tensor]:
-    """L_transform of either kind over all pairs of views of a shape, and L_b_shape."""
+def paper_losses(encoding: Encoding, batch: Batch, symmetry: Symmetry) -> dict[str, Tensor]:
+    """L_transform of either kind over all pairs of views of a shape, and L_b_shape.
+
+    The paper knows axial symmetry alone; any other is taken for none.
+    """
     a, b = pairs_of_views(batch.shape)
     R, t = horn(encoding.z[a], encoding.z[b])
-    if ambiguous:
+    if symmetry.ambiguous:
         orbit = equivalent_views(batch.surface[a], batch.target[a], ORBIT)  # (P, N, S, 3)
         transform = ambiguous_loss(R, t, orbit, batch.surface[b])
     else:

@@ -20,10 +20,12 @@ from tqdm import tqdm
 from neuse.embedding.layouts import draw_layout
 from neuse.embedding.views import ViewParams, draw_view
 from neuse.errors import InputError, MeshError
-from neuse.simulation.meshes import load_meshes
-from neuse.simulation.shapes import Shape, categories, make_shape, sample_shape
+from neuse.simulation.meshes import load_category
+from neuse.simulation.shapes import Shape, make_shape, sample_shape, symmetry_of
+from neuse.symmetry import Symmetry
 
 SPLIT_SEEDS = {"train": 1, "validation": 2, "test": 3}
+CLUTTER = ("mug", "bottle")  # beside shapes of the category itself
 CLUTTER_SHAPES = 10  # of each category, shared by the layouts of a shard
 LAYOUTS_PER_SHAPE = 5  # tried until the shape is seen at all
 ONE_HELD_OUT_IN = 5  # meshes of the user's own: that one is for validation
@@ -33,12 +35,17 @@ STRETCH = (0.22, 0.15)  # of the user's own meshes: log-uniform, of the whole an
 class ShapeSource:
     """Where the shapes of a category come from: the families of the simulator, or a folder of meshes."""
 
-    def __init__(self, category: str, meshes: Path | None = None) -> None:
-        """Raises MeshError when there are fewer than two meshes, one to train on and one to validate."""
+    def __init__(self, category: str, meshes: Path | None = None, symmetry: Symmetry | None = None) -> None:
+        """`symmetry` is that of the meshes; see `load_meshes` for what it is where it is not told.
+
+        Raises:
+            MeshError: fewer than two meshes, one to train on and one to validate, or one that is of no use.
+        """
         self.category = category
-        self._meshes = load_meshes(meshes, category) if meshes is not None else []
+        self._meshes = load_category(meshes, category, symmetry) if meshes is not None else []
         if meshes is not None and len(self._meshes) < 2:
-            raise MeshError(f"{meshes}/{category} holds {len(self._meshes)} meshes; training needs two")
+            raise MeshError(f"{meshes} holds {len(self._meshes)} meshes of {category}; training needs two")
+        self.symmetry = self._meshes[0].symmetry if self._meshes else symmetry_of(category)
 
     def draw(self, n: int, split: str, rng: np.random.Generator) -> list[Shape]:
         """Shapes of a split; meshes are held out by name and stretched, each time another shape."""
@@ -50,15 +57,17 @@ class ShapeSource:
 
     @property
     def record(self) -> str:
-        """Names the meshes by a checksum of their vertices."""
+        """Names the meshes by a checksum of their vertices, and a symmetry that their category's is not."""
         crcs = [zlib.crc32(np.round(shape.mesh.vertices, 6).tobytes()) for shape in self._meshes]
-        return f"meshes {zlib.crc32(repr(crcs).encode()):08x}" if crcs else "simulated"
+        shapes = f"meshes {zlib.crc32(repr(crcs).encode()):08x}" if crcs else "simulated"
+        usual = self.symmetry is symmetry_of(self.category)
+        return shapes if usual else f"{shapes}, symmetry {self.symmetry.name}"
 
 
 def _stretched(shape: Shape, rng: np.random.Generator) -> Shape:
     whole, height = np.exp(rng.uniform(-1.0, 1.0, 2) * STRETCH)
     mesh = shape.mesh.copy().apply_scale([whole, whole, whole * height])
-    return make_shape(shape.name, shape.category, mesh, shape.texture)
+    return make_shape(shape.name, shape.category, mesh, shape.texture, shape.symmetry)
 
 
 def ensure_shards(
@@ -107,7 +116,9 @@ def generate_shard(path: Path, source: ShapeSource, split: str, index: int, para
     """Draw the shapes and views of one shard and write them to `path` (atomically)."""
     rng = np.random.default_rng([SPLIT_SEEDS[split], 0, index, *source.category.encode()])
     shapes = source.draw(params.shapes_per_shard, split, rng)
-    others = [sample_shape(other, rng, split) for other in categories() for _ in range(CLUTTER_SHAPES)]
+    others = [sample_shape(other, rng, split) for other in CLUTTER for _ in range(CLUTTER_SHAPES)]
+    if source.category not in CLUTTER:
+        others += shapes[:CLUTTER_SHAPES]
     write_shard(path, shapes, others, params, rng, _record(source, params))
 
 

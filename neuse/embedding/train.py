@@ -1,7 +1,7 @@
 """Train the network of one category in simulation (NeuSE III-D).
 
-    python -m neuse.embedding.train --category mug
-    python -m neuse.embedding.train --category mug --meshes DIR     (DIR/mug/*.obj|ply|stl)
+    neuse train --category mug
+    neuse train --category kettle --meshes DIR     (DIR/*.obj|ply|stl|glb or DIR/kettle/*)
     torchrun --nproc-per-node 4 -m neuse.embedding.train --category mug
 
 The learning rate stays on a plateau and falls in the last stretch of `--steps` batches, so that a finished
@@ -12,11 +12,13 @@ there is one.
 
 import argparse
 import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,7 +27,7 @@ from tqdm import tqdm
 
 from neuse.embedding.calibration import calibrate
 from neuse.embedding.dataset import ViewSet
-from neuse.embedding.embedding import WEIGHTS
+from neuse.embedding.embedding import WEIGHTS, weights_file
 from neuse.embedding.encoder import FrameBlock
 from neuse.embedding.network import save_network
 from neuse.embedding.parallel import ALONE, Group, join_group, leave_group
@@ -34,7 +36,9 @@ from neuse.embedding.shards import ShapeSource, ensure_shards
 from neuse.embedding.trainer import RECIPES, Trainer, TrainParams, read_checkpoint, recipe_params
 from neuse.embedding.validation import validate
 from neuse.embedding.views import ViewParams
-from neuse.simulation.shapes import categories, is_ambiguous
+from neuse.errors import NeuseError
+from neuse.simulation.shapes import categories
+from neuse.symmetry import SYMMETRIES, Symmetry, symmetry_named
 
 VALIDATE_EVERY = 500  # steps
 
@@ -56,8 +60,7 @@ def load_views(
         for split, n in wanted.items():
             paths(split, n)
     group.wait()
-    ambiguous = is_ambiguous(source.category)
-    train_set, validation_set = (ViewSet(paths(split, n), ambiguous) for split, n in wanted.items())
+    train_set, validation_set = (ViewSet(paths(split, n), source.symmetry) for split, n in wanted.items())
     return train_set, validation_set
 
 
@@ -107,11 +110,19 @@ def _finish(trainer: Trainer, weights: Path) -> None:
     save_reconstructions(trainer.network, trainer.validation_set, pictures)
 
 
-def main() -> None:
-    """Command line."""
-    arguments = _arguments()
-    if arguments.category is None:
-        sys.exit(_train_all())
+def main(argv: Sequence[str] | None = None) -> int:
+    """Command line; returns the exit code."""
+    argv = sys.argv[1:] if argv is None else argv
+    parser = _parser()
+    arguments = _checked(parser, parser.parse_args(argv))
+    try:
+        return train(arguments) if arguments.category else _train_all(argv)
+    except NeuseError as error:
+        parser.exit(2, f"{parser.prog}: {error}\n")
+
+
+def train(arguments: argparse.Namespace) -> int:
+    """Train as the command line asks for."""
     torch.set_num_threads(arguments.threads)
     if arguments.compile:
         FrameBlock.forward = torch.compile(FrameBlock.forward)  # type: ignore[method-assign]
@@ -119,58 +130,80 @@ def main() -> None:
     weights = arguments.out / f"{arguments.category}.safetensors"
     resumed = arguments.resume and weights.with_suffix(".ckpt").exists()
     group = join_group()
-    source = ShapeSource(arguments.category, arguments.meshes)
-    params = _params(arguments, weights.with_suffix(".ckpt") if resumed else None)
+    source = _source(arguments)
+    params = _params(arguments, source.symmetry, weights.with_suffix(".ckpt") if resumed else None)
     trainer = Trainer(arguments.category, params, *load_views(source, params, arguments.data, group), group)
     if resumed:
         trainer.load_checkpoint(weights.with_suffix(".ckpt"))
+    elif arguments.start is not None:
+        trainer.start_from(weights_file(arguments.start))
     for stop in (signal.SIGTERM, signal.SIGINT):  # a shell's background processes would ignore SIGINT
         signal.signal(stop, trainer.stop_after_step)
     run(trainer, weights)
     if arguments.install and group.is_first and trainer.step == params.steps:
         shutil.copyfile(weights, WEIGHTS / weights.name)
     leave_group(group)
+    return 0
 
 
-def _params(arguments: argparse.Namespace, checkpoint: Path | None) -> TrainParams:
+def _source(arguments: argparse.Namespace) -> ShapeSource:
+    told = symmetry_named(arguments.symmetry) if arguments.symmetry else None
+    source = ShapeSource(arguments.category, arguments.meshes, told)
+    if arguments.meshes and not told:
+        symmetry = source.symmetry
+        print(f"{source.category}: symmetry {symmetry.name} ({symmetry.meaning}); --symmetry overrules this")
+    return source
+
+
+def _params(arguments: argparse.Namespace, symmetry: Symmetry, checkpoint: Path | None) -> TrainParams:
     """Those of the checkpoint or of the recipe, with what the command line asks for."""
     if checkpoint is None:
-        params = recipe_params(arguments.recipe or TrainParams().recipe, arguments.category)
+        params = recipe_params(arguments.recipe or TrainParams().recipe, symmetry)
     else:
         params = TrainParams(**read_checkpoint(checkpoint)["params"])
     given = {name: getattr(arguments, name) for name in ("recipe", "steps", "shards", "seed")}
     return replace(params, **{name: value for name, value in given.items() if value is not None})
 
 
-def _arguments() -> argparse.Namespace:
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="neuse train", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add, default = parser.add_argument, TrainParams()
     add("--category", help=f"{', '.join(categories())} or, with --meshes, any; left out: all of the former")
     add("--recipe", choices=RECIPES, help=f"({default.recipe})")
-    add("--meshes", type=Path, help="folder of DIR/<category>/*.obj|ply|stl; every fifth is held out")
+    add("--meshes", type=Path, help="folder of obj, ply, stl or glb files; every fifth is held out")
+    add("--symmetry", choices=SYMMETRIES, help="of the meshes (found from them; see docs/categories.md)")
     add("--steps", type=int, help=f"batches ({default.steps})")
     add("--shards", type=int, help=f"training shards of 25 shapes ({default.shards})")
     add("--seed", type=int, help="of weights and batches (0)")
     add("--data", type=Path, help="folder of generated views (data, or data/meshes)")
     add("--out", type=Path, default=Path("checkpoints"), help="folder (checkpoints)")
     add("--install", action="store_true", help="put finished weights into the library")
+    add("--from", dest="start", metavar="WEIGHTS", help="begin with these: a shipped category or a file")
     add("--resume", action="store_true", help="go on from the checkpoint in --out")
     add("--threads", type=int, default=1, help="of torch (1)")
     add("--compile", action="store_true", help="a sixth faster, after a minute of compiling")
-    arguments = parser.parse_args()
+    return parser
+
+
+def _checked(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> argparse.Namespace:
+    """With the default of --data; ends the program where options contradict each other."""
     if arguments.meshes is None and arguments.category not in (None, *categories()):
         parser.error(f"no simulated shapes of {arguments.category!r}; give --meshes DIR")
     if arguments.category is None and (arguments.meshes or "RANK" in os.environ):
         parser.error("with --meshes or torchrun, name one --category")
+    if arguments.symmetry and not arguments.meshes:
+        parser.error("--symmetry is told of --meshes; that of simulated shapes is known")
+    if arguments.category and not re.fullmatch(r"[\w-]+", arguments.category):
+        parser.error(f"--category {arguments.category!r} is to name files; use letters, digits, _ and -")
     arguments.data = arguments.data or Path("data") / ("meshes" if arguments.meshes else "")
     return arguments
 
 
-def _train_all() -> int:
+def _train_all(argv: Sequence[str]) -> int:
     """Every category in a process of its own; the largest exit code."""
-    command = [sys.executable, "-m", "neuse.embedding.train", *sys.argv[1:]]
+    command = [sys.executable, "-m", "neuse.embedding.train", *argv]
     processes = [subprocess.Popen([*command, "--category", category]) for category in categories()]
     try:
         return max(process.wait() for process in processes)
@@ -179,4 +212,4 @@ def _train_all() -> int:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -12,12 +12,12 @@ from torch.nn.parallel import DistributedDataParallel
 
 from neuse.embedding.dataset import Batch, ViewSet
 from neuse.embedding.losses import occupancy_loss, shipped_losses
-from neuse.embedding.network import ARCHITECTURES, Network
+from neuse.embedding.network import ARCHITECTURES, Network, load_network
 from neuse.embedding.paper_losses import paper_losses
 from neuse.embedding.parallel import ALONE, Group
 from neuse.errors import ParamError, WeightsError
 from neuse.params import CheckedParams, param
-from neuse.simulation.shapes import is_ambiguous
+from neuse.symmetry import Symmetry
 
 RECIPES = {"shipped": "shipped", "paper": "paper", "light-pose": "paper", "light-shape": "paper"}
 LOSSES = {"shipped": shipped_losses, "paper": paper_losses}
@@ -58,7 +58,7 @@ class TrainParams(CheckedParams):
             raise ParamError(f"parameter recipe = {self.recipe!r}; choose one of {', '.join(RECIPES)}")
 
 
-def recipe_params(recipe: str, category: str) -> TrainParams:
+def recipe_params(recipe: str, symmetry: Symmetry) -> TrainParams:
     """Defaults of a recipe: ours, the paper's, or either half of its light variant (appendix).
 
     The paper's have its losses and weights; net and batches are smaller, for CPUs.
@@ -66,7 +66,7 @@ def recipe_params(recipe: str, category: str) -> TrainParams:
     Raises:
         ParamError: an unknown recipe.
     """
-    ambiguous = is_ambiguous(category)
+    ambiguous = symmetry.ambiguous
     params = TrainParams(recipe=recipe)
     if RECIPES[recipe] == "shipped":
         return params
@@ -109,7 +109,7 @@ class Trainer:
             n_latent=params.latent,
             width=params.width,
         )
-        self.network = Network(category, is_ambiguous(category), config).to(group.device)
+        self.network = Network(category, train_set.symmetry, config).to(group.device)
         self.parallel = DistributedDataParallel(self.network) if group.size > 1 else self.network
         self.losses_of = LOSSES[architecture]
         self.optimizer = torch.optim.AdamW(
@@ -120,7 +120,23 @@ class Trainer:
             fused=True,
         )
         self.step, self.seconds, self.stopping = 0, 0.0, False
+        self.started_from = ""
         self.history: list[dict[str, float]] = []
+
+    def start_from(self, path: Path) -> None:
+        """Begin with the weights of another network, of this category or of any other.
+
+        Raises:
+            WeightsError: they cannot be read, or are of another architecture or other sizes.
+        """
+        other = load_network(path)
+        if other.config != self.network.config:
+            raise WeightsError(
+                f"{path} has {other.config}, this run trains {self.network.config}; start from another file"
+            )
+        weights = dict(other.named_parameters())
+        self.network.load_state_dict(weights, strict=False)  # buffers are calibrated at the end of a run
+        self.started_from = path.stem
 
     def train_step(self) -> dict[str, float]:
         """One batch; returns the losses."""
@@ -150,7 +166,7 @@ class Trainer:
         """All losses of a batch by name."""
         with torch.autocast(self.group.device.type, torch.bfloat16):
             encoding, logits = self.parallel(batch.points, batch.queries, n_anchors)
-        losses = self.losses_of(encoding, batch, self.network.ambiguous)
+        losses = self.losses_of(encoding, batch, self.network.symmetry)
         return losses | {"occupancy": occupancy_loss(logits.float(), batch.occupied)}
 
     def stop_after_step(self, *_: object) -> None:
@@ -172,11 +188,13 @@ class Trainer:
         """Everything that a resumed run needs."""
         state = {
             "category": self.category,
+            "symmetry": self.network.symmetry.name,
             "network": self.network.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "step": self.step,
             "seconds": self.seconds,
             "history": self.history,
+            "started_from": self.started_from,
             "params": asdict(self.params),
         }
         partial = path.with_suffix(".partial")
@@ -187,18 +205,21 @@ class Trainer:
         """Go on from where `save_checkpoint` was called.
 
         Raises:
-            WeightsError: the checkpoint is damaged, or of another category or recipe.
+            WeightsError: the checkpoint is damaged, or of another category, symmetry or recipe.
         """
-        state = read_checkpoint(path)
-        found = state.get("category", self.category), TrainParams(**state["params"]).recipe
-        if found != (self.category, self.params.recipe):
+        state, symmetry = read_checkpoint(path), self.network.symmetry.name
+        recipe = TrainParams(**state["params"]).recipe
+        found = state.get("category", self.category), recipe, state.get("symmetry", symmetry)
+        wanted = self.category, self.params.recipe, symmetry
+        if found != wanted:
             raise WeightsError(
-                f"{path} is a checkpoint of {found[0]} by the recipe {found[1]}, not of {self.category} by "
-                f"{self.params.recipe}; give another --out, or leave out --resume to begin anew"
+                f"{path} is a checkpoint of {', '.join(found)}, not of {', '.join(wanted)} (category, "
+                "recipe, symmetry); give another --out, or leave out --resume to begin anew"
             )
         self.network.load_state_dict(state["network"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.step, self.seconds, self.history = state["step"], state["seconds"], state["history"]
+        self.started_from = state.get("started_from", "")
 
     def card(self) -> dict[str, object]:
         """How the weights came about."""
@@ -206,6 +227,8 @@ class Trainer:
         return {
             "recipe": self.params.recipe,
             "category": self.category,
+            "symmetry": self.network.symmetry.name,
+            "started_from": self.started_from,
             "params": asdict(self.params),
             "step": self.step,
             "shapes": self.train_set.n_shapes,

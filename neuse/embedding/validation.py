@@ -7,8 +7,9 @@ from torch import Tensor
 from neuse.embedding.dataset import Batch, ViewSet
 from neuse.embedding.encoder import Encoding
 from neuse.embedding.horn import horn
-from neuse.embedding.losses import frame_error
+from neuse.embedding.losses import frame_error, nearest_equivalent
 from neuse.embedding.network import UNIT_M, Network
+from neuse.symmetry import NONE
 
 HANDLE_SEEN = 0.03  # share of the seen points that are on the handle
 
@@ -39,7 +40,8 @@ def validate(network: Network, views: ViewSet, n_views: int = 1024) -> dict[str,
     """
     encoding, batch = encode_all(network, views, n_views)
     predicted, is_predicted = predicted_frames(network, encoding, batch)
-    error = frame_error(predicted, batch.target, network.ambiguous)
+    target = nearest_equivalent(predicted, batch.target, network.symmetry)
+    error = frame_error(predicted, target, network.ambiguous)
     angle = torch.rad2deg(error.rotation.norm(dim=-1)).cpu().numpy()
     axis = torch.rad2deg(error.rotation[:, :2].norm(dim=-1)).cpu().numpy()
     shift_mm = error.translation.norm(dim=-1).cpu().numpy() * UNIT_M * 1e3
@@ -84,7 +86,7 @@ def next_view(shape: Tensor) -> Tensor:
 def _well_seen(views: ViewSet, index: np.ndarray) -> np.ndarray:
     a = views.arrays
     seen = (a["visible"][index] > 0.6) & (a["noise_m"][index] < 0.004)
-    return seen if views.ambiguous else seen & (a["handle"][index] > HANDLE_SEEN)
+    return seen & (a["handle"][index] > HANDLE_SEEN) if views.symmetry is NONE else seen
 
 
 def _percentile(values: np.ndarray, q: float) -> float:

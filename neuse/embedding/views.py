@@ -11,6 +11,7 @@ from neuse.records import Intrinsics
 from neuse.simulation.camera import DepthCamera
 from neuse.simulation.sensor import SensorFaults, apply_faults
 from neuse.simulation.shapes import Shape
+from neuse.symmetry import NONE
 
 CAMERA = DepthCamera(Intrinsics(640, 480, 600.0, 600.0, 319.5, 239.5))
 HALF_CAMERA = DepthCamera(Intrinsics(320, 240, 300.0, 300.0, 159.5, 119.5))
@@ -106,7 +107,7 @@ def draw_camera(azimuth: float, elevation: float, range_m: float, rng: np.random
 
 def handle_share(shape: Shape, points_object: Array) -> float:
     """Share of surface points that are on a handle: beyond the body's radius on the +x side."""
-    if shape.ambiguous or len(points_object) == 0:
+    if shape.symmetry is not NONE or len(points_object) == 0:
         return 0.0
     return float(np.mean(points_object[:, 0] > 1.05 * shape.extents[1]))
 

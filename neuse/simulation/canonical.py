@@ -9,37 +9,46 @@ from scipy.optimize import OptimizeResult, least_squares
 from scipy.spatial.transform import Rotation
 
 from neuse.geometry import Array, make_transform, transform_points
-from neuse.simulation.shapes import is_ambiguous
+from neuse.symmetry import BOX, Symmetry
 
 N_SAMPLES = 3000
 N_STARTS, N_REFINED = 20, 3  # axes tried, and how many of them are refined
 N_ROWS, N_COLUMNS = 16, 36
-END_SHARE = 0.2  # of a bottle's height, by which its ends are compared
+CAVITY_SHARE = 0.25  # of the height: what opens deeper at one end than at the other is a cavity
+END_SHARE = 0.2  # of the height, by which the ends of a solid are compared
 TANGENTIAL_SCALE = 0.1  # of a normal's tangential part, beyond which a point is rather no part of the body
 
 
-def canonical_frame(mesh: trimesh.Trimesh, category: str) -> Array:
+def canonical_frame(mesh: trimesh.Trimesh, symmetry: Symmetry) -> Array:
     """T_object_mesh of a closed mesh, in the object frame of `neuse.simulation.shapes.Shape`.
 
-    The axis is the one about which the surface is most nearly one of revolution. Its upper end is where the
-    cavity of a mug opens, or the narrower end of a bottle. x points to where the surface stands out of the
-    body; for a bottle, which is much the same all around, it points anywhere.
+    A box lies along its edges. Of all others the axis is the one about which the surface is most nearly one
+    of revolution; its upper end is where a cavity opens, or else the narrower end. x points to where the
+    surface stands out of the body; if it is much the same all around, anywhere.
     """
-    points, normals = _sample(mesh)
-    T_object_mesh = _axis_frame(points, normals)
-    ambiguous = is_ambiguous(category)
-    if ambiguous:
-        is_up = _narrows_upwards(transform_points(T_object_mesh, points))
-    else:
-        is_up = _opens_upwards(mesh.copy().apply_transform(T_object_mesh))
-    if not is_up:
+    if symmetry is BOX:
+        return box_frame(mesh)
+    T_object_mesh = axis_frame(mesh)
+    if not _is_upright(mesh.copy().apply_transform(T_object_mesh)):
         T_object_mesh = np.diag([1.0, -1.0, -1.0, 1.0]) @ T_object_mesh
-    if not ambiguous:
-        azimuth = _handle_azimuth(transform_points(T_object_mesh, points))
+    if not symmetry.ambiguous:
+        points, _ = _sample(mesh)
+        azimuth = _handle_azimuth(transform_points(T_object_mesh, points), len(symmetry.turns))
         T_object_mesh = _turn_about_z(-azimuth) @ T_object_mesh
     heights = transform_points(T_object_mesh, mesh.vertices)[:, 2]
     T_object_mesh[2, 3] -= (heights.min() + heights.max()) / 2
     return T_object_mesh
+
+
+def axis_frame(mesh: trimesh.Trimesh) -> Array:
+    """T_frame_mesh whose z axis is the best axis of revolution, either end up."""
+    return _axis_frame(*_sample(mesh))
+
+
+def box_frame(mesh: trimesh.Trimesh) -> Array:
+    """T_frame_mesh of the smallest box around a mesh, its longest edge along z."""
+    T_frame_mesh, _ = trimesh.bounds.oriented_bounds(mesh)
+    return np.asarray(T_frame_mesh)
 
 
 def _sample(mesh: trimesh.Trimesh) -> tuple[Array, Array]:
@@ -94,12 +103,14 @@ def _tangential(axis: Array, points: Array, normals: Array) -> Array:
     return (normals * circles).sum(axis=1) / np.maximum(np.linalg.norm(circles, axis=1), 1e-9)
 
 
-def _opens_upwards(mesh: trimesh.Trimesh) -> bool:
-    """Whether rays down the z axis get deeper into the mesh than rays up."""
+def _is_upright(mesh: trimesh.Trimesh) -> bool:
+    """Whether rays down the z axis get deeper into the mesh than rays up, or else its top is narrower."""
     angle, radius = np.linspace(0, 2 * np.pi, 12, endpoint=False), 0.1 * mesh.extents.min()
     start = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(12)], axis=1)
-    depths = [_median_depth(mesh, start, direction) for direction in (-1.0, 1.0)]
-    return depths[0] > depths[1]
+    from_above, from_below = (_median_depth(mesh, start, direction) for direction in (-1.0, 1.0))
+    if abs(from_above - from_below) > CAVITY_SHARE * mesh.extents[2]:
+        return from_above > from_below
+    return _narrows_upwards(_sample(mesh)[0])
 
 
 def _median_depth(mesh: trimesh.Trimesh, start: Array, direction: float) -> float:
@@ -115,7 +126,7 @@ def _median_depth(mesh: trimesh.Trimesh, start: Array, direction: float) -> floa
 
 
 def _narrows_upwards(points: Array) -> bool:
-    """Whether a bottle's upper end is narrower than its lower end."""
+    """Whether the upper end is narrower than the lower end."""
     height = (points[:, 2] - points[:, 2].min()) / np.ptp(points[:, 2])
     radius = np.linalg.norm(points[:, :2], axis=1)
     edges = np.linspace(0, END_SHARE, 7)
@@ -129,15 +140,16 @@ def _mean_radius(radius: Array, share: Array, edges: Array) -> float:
     return float(np.mean([np.percentile(part, 95) for part in slices if len(part)]))
 
 
-def _handle_azimuth(points: Array) -> float:
-    """Direction about z, radians, in which points (n, 3) stand out of the round body."""
+def _handle_azimuth(points: Array, n_alike: int) -> float:
+    """Direction about z, radians, in which points (n, 3) stand out of the round body, one of `n_alike`."""
     radius, azimuth = np.linalg.norm(points[:, :2], axis=1), np.arctan2(points[:, 1], points[:, 0])
     row = _bin(points[:, 2], N_ROWS)
     outline = np.zeros((N_ROWS, N_COLUMNS))
     np.maximum.at(outline, (row, _bin(azimuth, N_COLUMNS)), radius)
     body_radius = np.array([np.median(line[line > 0]) for line in outline])
     weight = np.maximum(radius - 1.1 * body_radius[row], 0) ** 2
-    return float(np.arctan2(weight @ np.sin(azimuth), weight @ np.cos(azimuth)))
+    phase = n_alike * azimuth
+    return float(np.arctan2(weight @ np.sin(phase), weight @ np.cos(phase))) / n_alike
 
 
 def _bin(values: Array, count: int) -> np.ndarray:

@@ -1,6 +1,7 @@
 """The user's own meshes as shapes: read, checked, and turned into the object frame."""
 
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,49 +9,77 @@ import trimesh
 
 from neuse.errors import MeshError
 from neuse.simulation.canonical import canonical_frame
-from neuse.simulation.shapes import Shape, make_shape
+from neuse.simulation.mesh_files import PATTERN, mesh_paths, read_mesh
+from neuse.simulation.self_similarity import find_symmetry
+from neuse.simulation.shapes import Shape, categories, make_shape, symmetry_of
 from neuse.simulation.textures import sample_texture
+from neuse.symmetry import Symmetry
 
-SUFFIXES = (".obj", ".ply", ".stl")
 SIZE_RANGE_M = (0.01, 1.0)
-MILLIMETRES_ABOVE = 5.0
+OTHER_UNITS = {"millimetres": 0.001, "centimetres": 0.01}
 
 
-def load_meshes(directory: str | Path, category: str) -> list[Shape]:
-    """Shapes from DIR/<category>/*.obj, *.ply and *.stl, metres, in any orientation, sorted by file name.
+def load_meshes(directory: str | Path, category: str, symmetry: Symmetry | None = None) -> list[Shape]:
+    """Shapes from DIR/<category>/*.obj, *.ply, *.stl and *.glb, metres, in any orientation, sorted by file
+    name; an empty list where DIR has no folder for this category.
 
-    An empty list where DIR has no folder for this category.
-
+    Args:
+        symmetry: of the category; found from the meshes where neither told nor that of simulated shapes.
     Raises:
         MeshError: no such directory, no mesh in the category's folder, or a mesh that cannot be used.
     """
     folder = Path(directory) / category
-    if not Path(directory).is_dir():
-        raise MeshError(f"{directory} is not a directory; expected meshes in {folder}/*.obj, *.ply or *.stl")
-    if not folder.is_dir():
-        return []
-    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    _check_directory(Path(directory), folder)
+    return load_folder(folder, category, symmetry) if folder.is_dir() else []
+
+
+def load_category(directory: str | Path, category: str, symmetry: Symmetry | None = None) -> list[Shape]:
+    """As `load_meshes`, and from DIR itself where it has no folder for this category.
+
+    Raises:
+        MeshError: no such directory, no mesh, or one that cannot be used.
+    """
+    folder = Path(directory) / category
+    _check_directory(Path(directory), folder)
+    return load_folder(folder if folder.is_dir() else Path(directory), category, symmetry)
+
+
+def load_folder(folder: Path, category: str, symmetry: Symmetry | None = None) -> list[Shape]:
+    """The meshes of one folder as shapes of a category; see `load_meshes`.
+
+    Raises:
+        MeshError: there is none, or one that cannot be used.
+    """
+    paths = mesh_paths(folder)
     if not paths:
-        raise MeshError(f"{folder} has no .obj, .ply or .stl file; put meshes in it or remove it")
-    return [_load_shape(path, category) for path in paths]
+        raise MeshError(f"{folder} has no {PATTERN.replace('*', '')} file; put meshes in it or remove it")
+    meshes = [_load(path) for path in paths]
+    if symmetry is None:
+        symmetry = symmetry_of(category) if category in categories() else find_symmetry(meshes)
+    return _shapes([path.stem for path in paths], meshes, category, symmetry)
 
 
-def _load_shape(path: Path, category: str) -> Shape:
-    mesh = _closed(_read(path), path)
+def _check_directory(directory: Path, folder: Path) -> None:
+    if not directory.is_dir():
+        raise MeshError(f"{directory} is not a directory; expected meshes in {folder}/{PATTERN}")
+
+
+def _load(path: Path) -> trimesh.Trimesh:
+    mesh = read_mesh(path)
     _check_size(mesh, path)
-    mesh.apply_transform(canonical_frame(mesh, category))
-    rng = np.random.default_rng(zlib.crc32(path.stem.encode()))
-    return make_shape(path.stem, category, mesh, sample_texture(rng, float(mesh.extents[2])))
+    return _closed(mesh, path)
 
 
-def _read(path: Path) -> trimesh.Trimesh:
-    try:
-        mesh = trimesh.load_mesh(path, process=True)
-    except Exception as error:  # the readers raise whatever the damage makes them raise
-        raise MeshError(f"{path} cannot be read as a mesh ({error}); export it again") from error
-    if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
-        raise MeshError(f"{path} has no faces; export it as a triangle mesh")
-    return trimesh.Trimesh(mesh.vertices, mesh.faces)  # without materials, whose seams keep vertices apart
+def _shapes(
+    names: Sequence[str], meshes: Sequence[trimesh.Trimesh], category: str, symmetry: Symmetry
+) -> list[Shape]:
+    shapes = []
+    for name, mesh in zip(names, meshes, strict=True):
+        mesh.apply_transform(canonical_frame(mesh, symmetry))
+        rng = np.random.default_rng(zlib.crc32(name.encode()))
+        texture = sample_texture(rng, float(mesh.extents[2]))
+        shapes.append(make_shape(name, category, mesh, texture, symmetry))
+    return shapes
 
 
 def _closed(mesh: trimesh.Trimesh, path: Path) -> trimesh.Trimesh:
@@ -70,9 +99,11 @@ def _closed(mesh: trimesh.Trimesh, path: Path) -> trimesh.Trimesh:
 
 def _check_size(mesh: trimesh.Trimesh, path: Path) -> None:
     size, (low, high) = float(mesh.extents.max()), SIZE_RANGE_M
-    if size > MILLIMETRES_ABOVE:
-        raise MeshError(
-            f"{path} is {size:.4g} m large, so probably in millimetres; scale it by 0.001 to metres"
-        )
-    if not low <= size <= high:
-        raise MeshError(f"{path} is {size:.4g} m large, outside [{low}, {high}] m; scale it to its real size")
+    if low <= size <= high:
+        return
+    for unit, scale in OTHER_UNITS.items():
+        if size > 5.0 and low <= scale * size <= high:
+            raise MeshError(
+                f"{path} is {size:.4g} m large, so probably in {unit}; scale it by {scale:g} to metres"
+            )
+    raise MeshError(f"{path} is {size:.4g} m large, outside [{low}, {high}] m; scale it to its real size")

@@ -12,6 +12,7 @@ from neuse.embedding.embedding import Embedding
 from neuse.embedding.network import Network
 from neuse.embedding.shards import write_shard
 from neuse.embedding.views import ViewParams
+from neuse.symmetry import NONE
 
 from .tiny import block_bottle, block_mug, make_network
 
@@ -54,10 +55,10 @@ def shard_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def mug_views(shard_folder: Path) -> ViewSet:
     """The training shard in memory."""
-    return ViewSet([shard_folder / "mug_train_0000.npz"], ambiguous=False)
+    return ViewSet([shard_folder / "mug_train_0000.npz"], NONE)
 
 
 @pytest.fixture(scope="session")
 def mug_views_held_out(shard_folder: Path) -> ViewSet:
     """The validation shard in memory."""
-    return ViewSet([shard_folder / "mug_validation_0000.npz"], ambiguous=False)
+    return ViewSet([shard_folder / "mug_validation_0000.npz"], NONE)

@@ -4,6 +4,7 @@ import pytest
 
 from neuse.embedding import compare
 from neuse.embedding.trainer import RECIPES, recipe_params
+from neuse.symmetry import NONE
 
 from .tiny import TRAIN
 
@@ -48,7 +49,7 @@ def test_page_has_a_column_a_recipe_and_the_command():
 
 def test_steps_are_timed_without_training(mug_views, mug_views_held_out, monkeypatch):
     monkeypatch.undo()
-    params = replace(recipe_params("shipped", "mug"), **TRAIN | {"latent": 16})
+    params = replace(recipe_params("shipped", NONE), **TRAIN | {"latent": 16})
     trainer = compare.Trainer("mug", params, mug_views, mug_views_held_out)
     before = trainer.network.decoder.to_logit.weight.clone()
     assert compare._seconds_a_step(trainer) > 0

@@ -4,6 +4,7 @@ import pytest
 from neuse.embedding.dataset import ViewSet
 from neuse.embedding.network import UNIT_M
 from neuse.embedding.views import POINT_UNIT_M
+from neuse.symmetry import AXIAL, NONE
 
 from .tiny import block_mug, distance_to_surface
 
@@ -53,7 +54,7 @@ def test_queries_are_inside_the_object_where_the_batch_says_so(mug_views, rng, s
 
 
 def test_target_of_an_ambiguous_object_is_its_axis_alone(shard_folder, mug_views, rng):
-    as_ambiguous = ViewSet([shard_folder / "mug_train_0000.npz"], ambiguous=True)
+    as_ambiguous = ViewSet([shard_folder / "mug_train_0000.npz"], AXIAL)
     index = np.arange(3)
     target = as_ambiguous.batch(index, N_POINTS, N_QUERIES, rng).target
     full = mug_views.batch(index, N_POINTS, N_QUERIES, rng).target
@@ -91,7 +92,7 @@ def test_views_of_one_drawn_shape_are_stretched_alike_and_round(mug_views, rng):
 
 def test_shapes_of_several_shards_stay_apart(shard_folder):
     paths = [shard_folder / f"mug_{split}_0000.npz" for split in ("train", "validation")]
-    views, first = ViewSet(paths, ambiguous=False), ViewSet(paths[:1], ambiguous=False)
+    views, first = ViewSet(paths, NONE), ViewSet(paths[:1], NONE)
     assert views.n_shapes == 4
     assert len(views) > len(first)
     assert set(views.shape[len(first) :]) == {2, 3}
@@ -99,11 +100,11 @@ def test_shapes_of_several_shards_stay_apart(shard_folder):
 
 def test_background_points_are_replaced_as_the_front_end_drops_them(shard_folder, tmp_path):
     arrays = dict(np.load(shard_folder / "mug_train_0000.npz"))
-    clean = ViewSet([shard_folder / "mug_train_0000.npz"], ambiguous=False)
+    clean = ViewSet([shard_folder / "mug_train_0000.npz"], NONE)
     leaked = arrays["points"].copy()
     leaked[:, 5:90] = [0, 0, int(0.8 / POINT_UNIT_M)]  # a wall 0.8 m behind
     np.savez(tmp_path / "leaked.npz", **arrays | {"points": leaked})
-    views = ViewSet([tmp_path / "leaked.npz"], ambiguous=False)
+    views = ViewSet([tmp_path / "leaked.npz"], NONE)
     points_m = views.arrays["points"] * POINT_UNIT_M
     assert np.linalg.norm(points_m, axis=-1).max() < 0.3
     np.testing.assert_allclose(points_m.mean(axis=1), 0.0, atol=1e-4)

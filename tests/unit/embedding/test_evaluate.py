@@ -11,6 +11,7 @@ from neuse.embedding.network import Network, save_network
 from neuse.embedding.sightings import Condition
 from neuse.embedding.table import FAR, ROWS, USUAL, lookup
 from neuse.errors import InputError, MeshError
+from neuse.simulation.shapes import symmetry_of
 
 from .test_paper_encoder import CONFIG as PAPER
 from .tiny import block_bottle, block_mug, make_network
@@ -70,7 +71,7 @@ def test_same_seed_gives_the_same_figures(figures):
 
 
 def test_codes_of_the_paper_are_evaluated_by_horn_and_have_no_frames():
-    figures = tiny_figures([Network(category, category == "bottle", PAPER) for category in SHAPES])
+    figures = tiny_figures([Network(category, symmetry_of(category), PAPER) for category in SHAPES])
     assert np.isfinite(figures[USUAL]["bottle"]["rotation_deg"]["median"])
     assert "frame, mug" not in figures[USUAL]
     assert figures[USUAL]["nees, mug"]["0-30 deg, visible"]["n"] == 0

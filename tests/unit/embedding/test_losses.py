@@ -19,6 +19,7 @@ from neuse.embedding.losses import (
     shipped_losses,
     sigma_loss,
 )
+from neuse.symmetry import NONE
 
 SHAPES = torch.tensor([0, 0, 1, 1, 2, 2])
 
@@ -200,7 +201,7 @@ def test_shipped_losses_train_what_they_should():
     batch = Batch(nothing, target, SHAPES, nothing, nothing, nothing, nothing)
     parts = [normal(6, 3, 8), normal(6, 3, 4), normal(6, 8), normal(6, 7)]
     encoding = Encoding(*(part.requires_grad_() for part in parts))
-    losses = shipped_losses(encoding, batch, ambiguous=False)
+    losses = shipped_losses(encoding, batch, NONE)
     assert losses.keys() == {"frame", "shape", "sigma"}
     losses["sigma"].backward()
     assert encoding.frame.grad is None

@@ -34,9 +34,9 @@ def test_saved_weights_come_back_bit_for_bit(network, tmp_path):
     network.occupancy_logit.fill_(-0.4)
     save_network(network, tmp_path / "x.safetensors", {})
     loaded = load_network(tmp_path / "x.safetensors", network.category)
-    assert (loaded.category, loaded.ambiguous, loaded.config) == (
+    assert (loaded.category, loaded.symmetry, loaded.config) == (
         network.category,
-        network.ambiguous,
+        network.symmetry,
         network.config,
     )
     assert loaded.state_dict().keys() == network.state_dict().keys()
@@ -98,7 +98,7 @@ def test_safetensors_file_of_something_else_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("category", [None, "mug"])
-@pytest.mark.parametrize("key", ["category", "ambiguous", "config"])
+@pytest.mark.parametrize("key", ["category", "symmetry", "config"])
 def test_incomplete_metadata_is_refused(path, key, category):
     rewrite(path, lambda metadata: metadata.pop(key))
     with pytest.raises(WeightsError, match=key):

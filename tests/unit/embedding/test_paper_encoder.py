@@ -4,13 +4,14 @@ from scipy.spatial.transform import Rotation
 from neuse.embedding.embedding import Embedding
 from neuse.embedding.network import Network, load_network, save_network
 from neuse.embedding.paper_encoder import PaperEncoderConfig, edge_vectors
+from neuse.simulation.shapes import symmetry_of
 
 CONFIG = PaperEncoderConfig(n_latent=16, n_points=64, n_anchors=32, width=16, n_blocks=2, n_neighbors=6)
 
 
 def network(category="mug"):
     torch.manual_seed(0)
-    return Network(category, category == "bottle", CONFIG)
+    return Network(category, symmetry_of(category), CONFIG)
 
 
 def clouds(n=3):
@@ -69,7 +70,7 @@ def test_code_moves_with_the_cloud():
 
 def test_latent_points_start_as_wide_as_the_object():
     torch.manual_seed(0)
-    net = Network("mug", False, PaperEncoderConfig(n_points=64, n_anchors=64, width=64))
+    net = Network("mug", symmetry_of("mug"), PaperEncoderConfig(n_points=64, n_anchors=64, width=64))
     with torch.no_grad():
         spread = float(net.encode(clouds(8)).z.std(-1).mean())
     assert 0.1 < spread < 1.5

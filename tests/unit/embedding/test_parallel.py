@@ -21,11 +21,12 @@ from neuse.embedding import train
 from neuse.embedding.dataset import ViewSet
 from neuse.embedding.parallel import join_group, leave_group
 from neuse.embedding.trainer import Trainer, recipe_params
+from neuse.symmetry import NONE
 
 train.save_reconstructions = train.save_curves = lambda *arguments: None
 folder, out = Path(sys.argv[1]), Path(sys.argv[2])
-params = replace(recipe_params("shipped", "mug"), **eval(sys.argv[3]))
-views = ViewSet([folder / "mug_train_0000.npz"], ambiguous=False)
+params = replace(recipe_params("shipped", NONE), **eval(sys.argv[3]))
+views = ViewSet([folder / "mug_train_0000.npz"], NONE)
 group = join_group()
 for name in ("whole", "stopped"):
     trainer = Trainer("mug", params, views, views, group)

@@ -157,7 +157,7 @@ def meshes(tmp_path, monkeypatch):
         make_shape(str(i), "mug", block_mug().mesh.copy().apply_scale([1, 1, 0.6 + 0.1 * i]))
         for i in range(6)
     ]
-    monkeypatch.setattr(shards, "load_meshes", lambda folder, category: list(shapes))
+    monkeypatch.setattr(shards, "load_category", lambda folder, category, symmetry: list(shapes))
     monkeypatch.setattr(shards, "remove_one", shapes.pop, raising=False)
     return tmp_path
 
@@ -189,9 +189,9 @@ def test_record_of_own_meshes_changes_with_them(meshes):
     assert ShapeSource("mug", meshes).record != before
 
 
-@pytest.mark.parametrize("category", ["mug", "kettle"])
-def test_fewer_than_two_meshes_are_refused(tmp_path, category):
-    (tmp_path / "mug").mkdir()
-    trimesh.creation.box([0.1, 0.1, 0.1]).export(tmp_path / "mug" / "one.ply")
-    with pytest.raises(MeshError, match=f"{category} holds"):
-        ShapeSource(category, tmp_path)
+@pytest.mark.parametrize("folder", [".", "kettle"])
+def test_fewer_than_two_meshes_are_refused(tmp_path, folder):
+    (tmp_path / folder).mkdir(exist_ok=True)
+    trimesh.creation.box([0.1, 0.1, 0.1]).export(tmp_path / folder / "one.ply")
+    with pytest.raises(MeshError, match="holds 1 meshes of kettle"):
+        ShapeSource("kettle", tmp_path)

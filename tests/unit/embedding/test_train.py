@@ -1,5 +1,4 @@
 import signal
-import sys
 from dataclasses import replace
 
 import pytest
@@ -10,7 +9,7 @@ from neuse.embedding.network import load_network, read_card
 from neuse.embedding.shards import ShapeSource
 from neuse.embedding.train import run
 from neuse.embedding.trainer import Trainer, recipe_params
-from neuse.errors import WeightsError
+from neuse.symmetry import NONE
 
 from .tiny import TRAIN
 
@@ -20,7 +19,7 @@ def make_trainer(mug_views, mug_views_held_out):
     """Factory of trainers of a tiny network on a tiny shard."""
 
     def make(recipe="shipped", **changes):
-        params = replace(recipe_params(recipe, "mug"), **TRAIN | {"latent": 16} | changes)
+        params = replace(recipe_params(recipe, NONE), **TRAIN | {"latent": 16} | changes)
         return Trainer("mug", params, mug_views, mug_views_held_out)
 
     return make
@@ -107,10 +106,10 @@ def test_progress_tells_losses_figures_and_time_left(make_trainer, tmp_path, cap
 
 
 def test_views_come_from_the_shards_of_their_splits(shard_folder, shards_as_found):
-    params = replace(recipe_params("shipped", "mug"), shards=1, validation_shards=1)
+    params = replace(recipe_params("shipped", NONE), shards=1, validation_shards=1)
     train_set, validation_set = train.load_views(ShapeSource("mug"), params, shard_folder)
     assert (train_set.n_shapes, validation_set.n_shapes) == (2, 2)
-    assert not train_set.ambiguous
+    assert train_set.symmetry is NONE
     assert (train_set.arrays["points"][0] != validation_set.arrays["points"][0]).any()
 
 
@@ -123,9 +122,9 @@ def command_line(shard_folder, tmp_path, monkeypatch, shards_as_found):
     monkeypatch.setattr(train.signal, "signal", lambda *arguments: None)
 
     def call(*arguments):
-        folders = ["--data", str(shard_folder), "--out", str(tmp_path)]
-        monkeypatch.setattr(sys, "argv", ["train", "--category", "mug", *folders, *arguments])
-        train.main()
+        return train.main(
+            ["--category", "mug", "--data", str(shard_folder), "--out", str(tmp_path), *arguments]
+        )
 
     return call
 
@@ -137,13 +136,14 @@ def test_command_line_trains_and_resumes(command_line, tmp_path):
     assert read_card(tmp_path / "mug.safetensors")["step"] == 2
 
 
-def test_command_line_trains_by_the_recipe_of_the_paper(command_line, tmp_path):
+def test_command_line_trains_by_the_recipe_of_the_paper(command_line, tmp_path, capsys):
     command_line("--steps", "1", "--recipe", "paper")
     assert load_network(tmp_path / "mug.safetensors").architecture == "paper"
     command_line("--steps", "2", "--resume")  # goes on with what it was
     assert read_card(tmp_path / "mug.safetensors")["recipe"] == "paper"
-    with pytest.raises(WeightsError, match="by the recipe paper, not of mug by shipped"):
+    with pytest.raises(SystemExit, match="2"):
         command_line("--resume", "--recipe", "shipped")
+    assert "checkpoint of mug, paper, none, not of mug, shipped, none" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -152,10 +152,35 @@ def test_command_line_trains_by_the_recipe_of_the_paper(command_line, tmp_path):
         (["--category", "kettle"], "no simulated shapes of 'kettle'; give --meshes"),
         (["--meshes", "somewhere"], "name one --category"),
         (["--recipe", "secret"], "invalid choice"),
+        (["--category", "mug", "--symmetry", "axial"], "--symmetry is told of --meshes"),
+        (["--category", "a/b", "--meshes", "somewhere"], "is to name files"),
+        (["--category", "kettle", "--meshes", "nowhere"], "nowhere is not a directory"),
     ],
 )
-def test_command_line_that_makes_no_sense_is_refused(monkeypatch, capsys, arguments, message):
-    monkeypatch.setattr(sys, "argv", ["train", *arguments])
-    with pytest.raises(SystemExit):
-        train.main()
+def test_command_line_that_makes_no_sense_is_refused(capsys, arguments, message):
+    with pytest.raises(SystemExit, match="2"):
+        train.main(arguments)
     assert message in capsys.readouterr().err
+
+
+def test_training_starts_from_the_weights_of_another_category(command_line, tmp_path):
+    command_line("--steps", "1", "--seed", "1")
+    start = (tmp_path / "mug.safetensors").rename(tmp_path / "kettle.safetensors")
+    command_line("--steps", "1", "--from", str(start))
+    assert read_card(tmp_path / "mug.safetensors")["started_from"] == "kettle"
+    command_line("--steps", "2", "--resume")
+    assert read_card(tmp_path / "mug.safetensors")["started_from"] == "kettle"
+
+
+def test_start_from_another_network_is_refused(command_line, tmp_path, capsys):
+    command_line("--steps", "1", "--recipe", "paper")
+    paper = (tmp_path / "mug.safetensors").rename(tmp_path / "paper.safetensors")
+    with pytest.raises(SystemExit, match="2"):
+        command_line("--steps", "1", "--from", str(paper))
+    assert "start from another file" in capsys.readouterr().err
+
+
+def test_start_from_nowhere_is_refused(command_line, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        command_line("--steps", "1", "--from", "teapot")
+    assert "no weights for category 'teapot'" in capsys.readouterr().err

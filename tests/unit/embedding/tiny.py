@@ -9,7 +9,7 @@ from neuse.embedding.code import Code, landmark_template
 from neuse.embedding.encoder import EncoderConfig
 from neuse.embedding.network import Network
 from neuse.geometry import Array, make_transform, transform_points
-from neuse.simulation.shapes import Shape, make_shape
+from neuse.simulation.shapes import Shape, make_shape, symmetry_of
 
 CONFIG = EncoderConfig(n_latent=16, n_points=64, n_anchors=32, width=16, n_vectors=8, n_weights=4, n_blocks=2)
 TRAIN = {
@@ -23,14 +23,13 @@ TRAIN = {
     "queries": 16,
     "warmup": 1,
 }
-AMBIGUOUS = {"mug": False, "bottle": True}
 EXTENTS = np.array([0.07, 0.04, 0.05])
 
 
 def make_network(category: str = "mug", seed: int = 0) -> Network:
     """Random weights; every layer takes part (no residual branch is left at zero)."""
     torch.manual_seed(seed)
-    network = Network(category, AMBIGUOUS[category], CONFIG)
+    network = Network(category, symmetry_of(category), CONFIG)
     for block in network.decoder.blocks:
         torch.nn.init.normal_(block.outer.weight, std=0.1)
     return network.eval()
@@ -52,11 +51,11 @@ def partial_cloud(rng: np.random.Generator, n: int) -> Array:
 
 def make_code(T_frame_object: Array, category: str = "mug", extents: Array = EXTENTS, k: int = 16) -> Code:
     """The code of a perfect encoder for an object at this pose."""
-    seen = [0.0, 0.0, 1.0] if AMBIGUOUS[category] else [1.0, 1.0, 1.0]
+    seen = [0.0, 0.0, 1.0] if symmetry_of(category).ambiguous else [1.0, 1.0, 1.0]
     landmarks = landmark_template(k) * extents * seen
     free = np.random.default_rng(k).normal(scale=0.03, size=(k - k // 2, 3))
     z = transform_points(T_frame_object, np.concatenate([landmarks, free]))
-    return Code(category, AMBIGUOUS[category], z, np.full(k, k**-0.5), np.full(6, 0.01))
+    return Code(category, symmetry_of(category).ambiguous, z, np.full(k, k**-0.5), np.full(6, 0.01))
 
 
 def block_mug() -> Shape:
