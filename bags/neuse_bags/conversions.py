@@ -13,6 +13,7 @@ from neuse.evaluation.truth import TrueObject
 from neuse.geometry import Array
 from neuse.records import Intrinsics
 from neuse_encoder_node.conversions import header_to_msg
+from neuse_mapper_node.conversions import box_from_msg
 from neuse_msgs.msg import Code, MapObject, ObjectMap
 from neuse_slam_node.poses import pose_to_msg, transform_from_msg
 
@@ -107,11 +108,11 @@ def _true_object_to_msg(item: TrueObject) -> MapObject:
 
 
 def _true_object_from_msg(message: MapObject) -> TrueObject:
-    size = message.box_size
+    _, box_size = box_from_msg(message)
     return TrueObject(
         object_id=message.object_id,
         category=message.category,
         T_world_object=transform_from_msg(message.pose),
-        box_size=np.array([size.x, size.y, size.z]),
+        box_size=box_size,
         n_seen=message.n_observations,
     )

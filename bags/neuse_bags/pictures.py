@@ -1,6 +1,7 @@
 """Pictures and JSON files of people's own folders, checked; every fault names the file and what to write."""
 
 import json
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -51,7 +52,7 @@ def read_picture(
     Raises:
         InputError: missing, unreadable, or of another size or kind.
     """
-    if not path.exists():
+    if not os.path.isfile(path):  # which takes names that no file can have
         raise InputError("missing_picture", f"{path} does not exist; {asked_by} asks for it")
     colored = kinds is COLOR_KINDS
     pixels = cv2.imread(str(path), cv2.IMREAD_COLOR if colored else cv2.IMREAD_UNCHANGED)

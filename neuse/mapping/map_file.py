@@ -175,9 +175,10 @@ def _to_arrays(stored: StoredMap) -> tuple[dict[str, Any], dict[str, np.ndarray]
 
 
 def _from_arrays(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> StoredMap:
+    _check_whole(header, ["stamp_ns"])
     objects = tuple(_read_object(entry, i, arrays) for i, entry in enumerate(header["objects"]))
     keyframes = tuple(_read_keyframe(entry, i, arrays) for i, entry in enumerate(header["keyframes"]))
-    return StoredMap(int(header["stamp_ns"]), objects, keyframes)
+    return StoredMap(header["stamp_ns"], objects, keyframes)
 
 
 def _read_object(entry: dict[str, Any], i: int, arrays: dict[str, np.ndarray]) -> StoredObject:
@@ -200,10 +201,11 @@ def _read_keyframe(entry: dict[str, Any], i: int, arrays: dict[str, np.ndarray])
     pose, depth_mm = _checked(arrays[f"pose_{i}"], (4, 4)), arrays[f"depth_{i}"]
     if depth_mm.ndim != 2 or depth_mm.dtype != np.uint16 or not depth_mm.size:
         raise ValueError(f"depth_{i} is {depth_mm.dtype} of shape {depth_mm.shape}")
+    _check_whole(entry, ["tick"])
     intrinsics = Intrinsics(**entry["intrinsics"])
     if not is_rigid(pose) or not intrinsics.is_sound:
         raise ValueError(f"pose_{i} or its camera is none")
-    return StoredKeyframe(int(entry["tick"]), pose, intrinsics, depth_mm, seen)
+    return StoredKeyframe(entry["tick"], pose, intrinsics, depth_mm, seen)
 
 
 def _text(value: Any) -> str:

@@ -23,7 +23,7 @@ from neuse_encoder_node.conversions import (
 from neuse_msgs.msg import MapObject as MapObjectMsg
 from neuse_msgs.msg import ObjectMap as ObjectMapMsg
 from neuse_slam_node.conversions import check_code
-from neuse_slam_node.poses import pose_to_msg, transform_from_msg
+from neuse_slam_node.poses import FARTHEST_M, pose_to_msg, transform_from_msg
 
 KINDS = {
     MarkerKind.MESH: MarkerMsg.TRIANGLE_LIST,
@@ -94,13 +94,23 @@ def _object_to_msg(known: MapObject) -> MapObjectMsg:
     )
 
 
-def _object_from_msg(message: MapObjectMsg) -> MapObject:
+def box_from_msg(message: MapObjectMsg) -> tuple[Array, Array]:
+    """(3,) centre and (3,) sides of an object's box, metres.
+
+    Raises:
+        InputError: `box`, it has none.
+    """
     center, size = message.box_center, message.box_size
+    box = np.array([[center.x, center.y, center.z], [size.x, size.y, size.z]])
+    if not ((np.abs(box) < FARTHEST_M).all() and (box[1] >= 0).all()):  # NaN compares false
+        raise InputError("box", f"object {message.object_id} has no box; send finite, positive sides")
+    return box[0], box[1]
+
+
+def _object_from_msg(message: MapObjectMsg) -> MapObject:
     if message.status not in list(ObjectStatus):
         raise InputError("enum_value", f"object {message.object_id} has status {message.status}; send 0 to 3")
-    box = np.array([center.x, center.y, center.z]), np.array([size.x, size.y, size.z])
-    if not (np.isfinite(box).all() and (box[1] >= 0).all()):
-        raise InputError("box", f"object {message.object_id} has no box; send finite, positive sides")
+    box_center, box_size = box_from_msg(message)
     code = code_from_msg(message.code)
     check_code(code)
     return MapObject(
@@ -108,8 +118,8 @@ def _object_from_msg(message: MapObjectMsg) -> MapObject:
         category=message.category,
         status=ObjectStatus(message.status),
         T_map_object=transform_from_msg(message.pose),
-        box_center=box[0],
-        box_size=box[1],
+        box_center=box_center,
+        box_size=box_size,
         code=code,
         first_seen_ns=stamp_from_msg(message.first_seen),
         last_seen_ns=stamp_from_msg(message.last_seen),

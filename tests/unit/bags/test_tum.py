@@ -101,6 +101,7 @@ def _with_text(name: str, text: str):
         (_with_text("masks/instances.json", "[" * 10**5), r"instances\.json is no JSON"),
         (_with("camera.json", CAMERA | {"width": float("inf")}), r"camera\.json lacks cannot convert"),
         (_without("masks/1305031102.180304.png"), r"180304\.png does not exist; rgb\.txt asks"),
+        (_with_text("depth.txt", f"{STAMPS_S[0]} {'9' * 400}\n"), r"9 does not exist; depth"),
         (_with_text("depth.txt", "# nothing\n"), r"depth\.txt is not `stamp_s picture` a line"),
         (_with_text("depth.txt", "today depth/a.png\n"), r"depth\.txt: 'today' is no stamp; write seconds"),
         (_with_text("depth.txt", "1305031102175304 depth/a.png\n"), r"'1305031102175304' is no stamp; write"),
