@@ -10,6 +10,7 @@ from neuse.geometry import Array, inverse
 from neuse.records import Edge, EdgeKind
 from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.object_frames import LEAST_SHARE, ObjectFrames
+from neuse.slam.odometry import NANOSECONDS
 from neuse.slam.pose_graph import PoseGraph, SlidingWindow, SolverParams
 from neuse.slam.track import Track, orthonormal_places
 
@@ -77,8 +78,8 @@ class _Base:
 class LandmarkBackend(_Base):
     """Objects are points of the graph: top, bottom, and one out along the handle if it has one.
 
-    Edges of odometry tie the keyframes; edges from codes are not used, since sightings say the same without
-    the errors that all edges of one frame share.
+    Edges of odometry and smooth motions tie the keyframes; edges from codes are not used, since sightings
+    say the same without the errors that all edges of one frame share.
     """
 
     def add_keyframe(
@@ -90,6 +91,14 @@ class LandmarkBackend(_Base):
         for edge in ties:
             if edge.kind == EdgeKind.ODOMETRY:
                 self.graph.add_edge(edge, robust=False)
+                self._add_smooth_motion(edge, T_map_camera)
+
+    def _add_smooth_motion(self, along: Edge, T_map_camera: Array) -> None:
+        """Only where odometry goes along: where it jumps, the camera may have been carried elsewhere."""
+        if self.params.acceleration_mps2 > 0.0:
+            duration_s = (along.to_stamp_ns - along.from_stamp_ns) * NANOSECONDS
+            ends = self.poses[along.from_id], T_map_camera
+            self.graph.add_smooth_motion(along.from_id, along.to_id, duration_s, *ends)
 
     def add_sightings(self, record: KeyframeRecord, tracks: Iterable[Track]) -> None:
         index = {int(key): i for i, key in enumerate(record.keys)}

@@ -18,7 +18,10 @@ from neuse.records import Edge
 
 ORIGIN_SIGMA = 1e-4  # the first camera pose is the map's origin
 LOOSE_FACTOR = 10.0  # loose points may move so much further before they are relinearised
-POSE, POINT, LOOSE_POINT = "x", "p", "q"  # letters of gtsam's symbols
+POSE, POINT, LOOSE_POINT, VELOCITY, BIAS = "x", "p", "q", "v", "b"  # letters of gtsam's symbols
+UNKNOWN_TURN = 10.0  # rad/sqrt(s): a smooth motion says nothing of rotations
+FIXED = 1e-6  # sigma of biases that gtsam asks for and nobody has
+NEVER = 1e9  # threshold of what enters linearly and need not be relinearised
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,12 @@ class SolverParams(CheckedParams):
     )
     relinearize_every: int = param(5, "solutions between two relinearisations", 1, 1000)
     closure_iterations: int = param(2, "iSAM2 iterations after a loop closure", 1, 50)
+    acceleration_mps2: float = param(
+        0.3,
+        "the camera moves smoothly: white noise of its acceleration, m/s^2/sqrt(Hz); 0: it may jerk",
+        0.0,
+        1e3,
+    )
     window_iterations: int = param(20, "most Levenberg-Marquardt iterations in the window", 1, 100)
 
 
@@ -44,6 +53,7 @@ class PoseGraph:
         self._new_factors = gtsam.NonlinearFactorGraph()
         self._new_values = gtsam.Values()
         self._points: dict[int, int] = {}  # gtsam's keys
+        self._moving: set[int] = set()  # keyframes with a velocity
         self._poses: Array | None = None  # of the last solution, once all were asked for
 
     def add_origin(self, keyframe_id: int, T_map_camera: Array) -> None:
@@ -60,6 +70,23 @@ class PoseGraph:
     def add_edge(self, edge: Edge, robust: bool = True) -> None:
         """A relative pose between two keyframes."""
         self._new_factors.add(edge_factor(edge, self.params.huber_sigmas if robust else None))
+
+    def add_smooth_motion(
+        self, before: int, after: int, duration_s: float, T_map_before: Array, T_map_after: Array
+    ) -> None:
+        """Between two keyframes, given with their start values, the camera's velocity hardly changed.
+
+        White noise on acceleration (Barfoot, State Estimation for Robotics, 2017, 4.3.1).
+        """
+        velocity = (T_map_after[:3, 3] - T_map_before[:3, 3]) / duration_s
+        for keyframe_id in {before, after} - self._moving:
+            self._new_values.insert(gtsam.symbol(VELOCITY, keyframe_id), velocity)
+        self._moving |= {before, after}
+        bias, none = gtsam.symbol(BIAS, after), gtsam.imuBias.ConstantBias()
+        self._new_values.insert(bias, none)
+        fixed = gtsam.noiseModel.Isotropic.Sigma(6, FIXED)
+        self._new_factors.add(gtsam.PriorFactorConstantBias(bias, none, fixed))
+        self._new_factors.add(smooth_motion_factor(before, after, duration_s, self.params.acceleration_mps2))
 
     def add_sighting(
         self,
@@ -198,6 +225,21 @@ def edge_factor(edge: Edge, huber_sigmas: float | None) -> gtsam.BetweenFactorPo
     )
 
 
+def smooth_motion_factor(before: int, after: int, duration_s: float, acceleration: float) -> gtsam.ImuFactor:
+    """Constant velocity up to white noise of the acceleration (m/s^2/sqrt(Hz)).
+
+    That is what an IMU tells without gravity whose accelerometer reads nothing and whose gyroscope is poor.
+    """
+    params = gtsam.PreintegrationParams(np.zeros(3))
+    params.setAccelerometerCovariance(acceleration**2 * np.eye(3))
+    params.setGyroscopeCovariance(UNKNOWN_TURN**2 * np.eye(3))
+    params.setIntegrationCovariance(FIXED**2 * np.eye(3))
+    nothing = gtsam.PreintegratedImuMeasurements(params, gtsam.imuBias.ConstantBias())
+    nothing.integrateMeasurement(np.zeros(3), np.zeros(3), duration_s)
+    ends = [key for i in (before, after) for key in (_pose_key(i), gtsam.symbol(VELOCITY, i))]
+    return gtsam.ImuFactor(*ends, gtsam.symbol(BIAS, after), nothing)
+
+
 def sighting_factor(
     pose_key: int, point_key: int, p_camera: Array, covariance: Array, cauchy_sigmas: float
 ) -> gtsam.BearingRangeFactor3D:
@@ -223,6 +265,8 @@ def _thresholds(m_rad: float) -> gtsam.ISAM2ThresholdMap:
         (POSE, [m_rad] * 6),
         (POINT, [m_rad] * 3),
         (LOOSE_POINT, [LOOSE_FACTOR * m_rad] * 3),
+        (VELOCITY, [NEVER] * 3),
+        (BIAS, [NEVER] * 6),
     ):
         thresholds.insert((letter, np.array(least)))
     return thresholds

@@ -18,6 +18,7 @@ from .test_association import scene_of
 
 SIGMAS = np.array([0.02, 0.03, 0.05, 0.001, 0.002, 0.003])
 HIDDEN = np.array([0.02, 0.03, 1.5, 0.001, 0.002, 0.003])
+PERIOD_NS = 100_000_000
 POSES = [exp([0, 0.02 * i, 0, 0.05 * i, 0, 0]) for i in range(6)]
 
 
@@ -30,18 +31,26 @@ def scene():
 
 def record(scene, i, sigmas=SIGMAS):
     codes = [make_code(thing, inverse(POSES[i]) @ thing.T_world_object, sigmas) for thing in scene.things]
-    return KeyframeRecord(i, i, np.arange(len(codes)), reduce_codes(codes), None)
+    return KeyframeRecord(i, i * PERIOD_NS, np.arange(len(codes)), reduce_codes(codes), None)
 
 
 def tie(i, sigma=0.05):
     covariance = np.diag([0.02**2] * 3 + [sigma**2] * 3)
     T = inverse(POSES[i - 1]) @ POSES[i]
-    return Edge(i - 1, i, i - 1, i, EdgeKind.SHORT_RANGE, T, covariance, (0, 1))
+    return Edge(i - 1, i, (i - 1) * PERIOD_NS, i * PERIOD_NS, EdgeKind.SHORT_RANGE, T, covariance, (0, 1))
 
 
 def odometry(i):
     T = tie(i).T_from_to @ exp([0, 0, 0, 0.03, -0.04, 0.02])
-    return Edge(i - 1, i, i - 1, i, EdgeKind.ODOMETRY, T, np.diag([0.003**2] * 3 + [0.05**2] * 3))
+    return Edge(
+        i - 1,
+        i,
+        (i - 1) * PERIOD_NS,
+        i * PERIOD_NS,
+        EdgeKind.ODOMETRY,
+        T,
+        np.diag([0.003**2] * 3 + [0.05**2] * 3),
+    )
 
 
 def run(backend, scene, edges_of, wrong=0.02):
@@ -54,6 +63,28 @@ def run(backend, scene, edges_of, wrong=0.02):
         poses = backend.solve(loop_closed=False)
         backend.place_all(scene.tracks)
     return poses
+
+
+@pytest.mark.parametrize(("acceleration_mps2", "is_smooth"), [(0.0, False), (0.3, True)])
+def test_smooth_motion_outweighs_odometry_where_nothing_is_seen(acceleration_mps2, is_smooth):
+    rng = np.random.default_rng(2)
+    backend = LandmarkBackend(SolverParams(acceleration_mps2=acceleration_mps2))
+    errors = [exp(np.r_[0, 0, 0, (0.0 if i < 10 else 0.05) * rng.normal(size=3)]) for i in range(20)]
+    T_map_camera = [np.eye(4)]
+    for i in range(20):
+        edges = []
+        if i:
+            sigma_m = 0.001 if i < 10 else 0.05
+            covariance = np.diag(np.repeat([0.003, sigma_m], 3) ** 2)
+            T = exp([0, 0, 0, 0.05, 0, 0]) @ errors[i]
+            stamps_ns = (i - 1) * PERIOD_NS, i * PERIOD_NS
+            edges = [Edge(i - 1, i, *stamps_ns, EdgeKind.ODOMETRY, T, covariance)]
+            T_map_camera.append(backend.poses[-1] @ T)
+        nothing = KeyframeRecord(i, i * PERIOD_NS, np.zeros(0, dtype=int), reduce_codes([]), None)
+        backend.add_keyframe(nothing, T_map_camera[-1], edges, [])
+        backend.solve(loop_closed=False)
+    jerks_m = np.diff(backend.latest_poses()[:, :3, 3], n=2, axis=0)
+    assert (np.abs(jerks_m).max() < 0.03) == is_smooth
 
 
 def test_landmarks_correct_odometry(scene):

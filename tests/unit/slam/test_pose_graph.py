@@ -1,5 +1,7 @@
 """The graph against gtsam used by hand, and the window against a batch solution."""
 
+from itertools import accumulate
+
 import gtsam
 import numpy as np
 import pytest
@@ -223,3 +225,40 @@ def test_window_refuses_an_edge_to_a_keyframe_that_it_never_had():
     window.add(0, np.eye(4), [])
     with pytest.raises(SolverError):
         window.add(1, np.eye(4), [make_edge(7, 1, np.eye(4))])
+
+
+@pytest.mark.parametrize(("smooth", "least_m", "most_m"), [(False, 0.1, 1.0), (True, 0.0, 0.03)])
+def test_smooth_motion_carries_the_camera_through_a_blind_gap(smooth, least_m, most_m):
+    """Constant speed; steps 10 to 30 are known to 5 cm, the others to a millimetre, and the end is seen."""
+    rng, n, step_m = np.random.default_rng(0), 41, 0.05
+    graph = PoseGraph(SolverParams(acceleration_mps2=0.1))
+    graph.add_origin(0, np.eye(4))
+    poses = [np.eye(4)]
+    graph.add_pose(0, poses[0])
+    for i in range(1, n):
+        sigma_m = 0.05 if 10 < i <= 30 else 0.001
+        T_from_to = exp(np.r_[0, 0, 0, np.array([step_m, 0, 0]) + sigma_m * rng.normal(size=3)])
+        poses.append(poses[-1] @ T_from_to)
+        graph.add_pose(i, poses[i])
+        graph.add_edge(make_edge(i - 1, i, T_from_to, np.repeat([0.001, sigma_m], 3)), robust=False)
+        if smooth:
+            graph.add_smooth_motion(i - 1, i, 0.1, poses[i - 1], poses[i])
+    graph.add_edge(make_edge(0, n - 1, exp([0, 0, 0, (n - 1) * step_m, 0, 0]), np.full(6, 0.001)))
+    graph.solve(3)
+    errors_m = np.linalg.norm(graph.poses()[:, :3, 3] - step_m * np.arange(n)[:, None] * [1, 0, 0], axis=1)
+    assert least_m <= errors_m.max() <= most_m
+
+
+def test_smooth_motion_says_nothing_of_turns():
+    rng = np.random.default_rng(1)
+    graph = PoseGraph()
+    graph.add_origin(0, np.eye(4))
+    turns = [exp(np.r_[0.3 * rng.normal(size=3), 0.05, 0, 0]) for _ in range(5)]
+    poses = list(accumulate([np.eye(4), *turns], np.matmul))
+    for i, T_map_camera in enumerate(poses):
+        graph.add_pose(i, T_map_camera)
+        if i:
+            graph.add_edge(make_edge(i - 1, i, turns[i - 1]))
+            graph.add_smooth_motion(i - 1, i, 0.1, poses[i - 1], T_map_camera)
+    graph.solve(3)
+    assert np.allclose(graph.poses()[:, :3, :3], np.array(poses)[:, :3, :3], atol=1e-3)
