@@ -136,6 +136,14 @@ def test_turn_about_the_axis_of_an_ambiguous_object_is_unknown():
     assert code.sigmas[1] < 0.1
 
 
+def test_frame_of_a_box_tells_its_centre_and_no_rotation():
+    (code,) = with_log_sigmas(-3.0, "box").encode([partial_cloud(np.random.default_rng(9), 50)])
+    assert not code.ambiguous
+    assert (code.sigmas[:3] == np.pi).all()
+    assert (code.sigmas[3:] < 0.1).all()
+    assert code.height_correlation == 0.0
+
+
 @pytest.fixture
 def shipped(tmp_path, monkeypatch):
     """A folder of shipped weights that holds a mug, and a bottle under the wrong name."""

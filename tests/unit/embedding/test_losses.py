@@ -12,6 +12,7 @@ from neuse.embedding.losses import (
     FrameError,
     frame_error,
     frame_loss,
+    nearest_equivalent,
     occupancy_loss,
     orthonormal,
     rotation_vector,
@@ -19,7 +20,7 @@ from neuse.embedding.losses import (
     shipped_losses,
     sigma_loss,
 )
-from neuse.symmetry import NONE
+from neuse.symmetry import BOX, NONE
 
 SHAPES = torch.tensor([0, 0, 1, 1, 2, 2])
 
@@ -193,6 +194,33 @@ def test_sigma_loss_does_not_train_the_frames():
     sigma_loss(log_sigmas, FrameError(errors, errors, errors[:, 0]), False).backward()
     assert errors.grad is None
     assert log_sigmas.grad is not None
+
+
+def turned(target, turn):
+    """The same boxes with other names for their axes."""
+    return torch.cat([target[..., :1], target[..., 1:] @ torch.tensor(turn)], -1)
+
+
+@pytest.mark.parametrize("turn", BOX.turns)
+def test_frames_that_differ_by_a_turn_of_the_symmetry_alone_are_right(turn):
+    target = frames(Rotation.random(6, random_state=6).as_matrix(), np.ones((6, 3)))
+    predicted = turned(target, turn)
+    nearest = nearest_equivalent(predicted, target, BOX)
+    torch.testing.assert_close(nearest, predicted)
+    assert torch.equal(nearest_equivalent(predicted, target, NONE), target)
+
+
+def test_nearest_equivalent_has_the_least_frame_loss_of_all():
+    target, predicted = (
+        frames(Rotation.random(6, random_state=7).as_matrix(), np.zeros((6, 3))),
+        normal(6, 3, 4),
+    )
+    nearest = nearest_equivalent(predicted, target, BOX)
+    for i in range(6):
+        losses = [
+            float(frame_loss(predicted[i : i + 1], turned(target, turn)[i : i + 1])) for turn in BOX.turns
+        ]
+        assert float(frame_loss(predicted[i : i + 1], nearest[i : i + 1])) == pytest.approx(min(losses))
 
 
 def test_shipped_losses_train_what_they_should():

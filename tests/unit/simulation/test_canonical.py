@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from neuse.geometry import Array, make_transform, rotation_angle
 from neuse.simulation.canonical import canonical_frame
 from neuse.simulation.shapes import sample_shape, symmetry_of
-from neuse.symmetry import AXIAL, NONE
+from neuse.symmetry import AXIAL, BOX, HALF_TURN, NONE, QUARTER_TURN, Symmetry
 
 N_SEEDS = 24
 Y_UP = make_transform(Rotation.from_euler("x", -90, degrees=True).as_matrix(), np.zeros(3))
@@ -40,6 +40,34 @@ def test_bottles_in_any_orientation_get_their_axis_and_their_neck_up() -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_mug_with_y_up_gets_its_frame(seed: int) -> None:
     assert rotation_angle(frame_error("mug", seed, Y_UP)[:3, :3]) < np.radians(2)
+
+
+def test_bowls_open_upwards() -> None:
+    errors = [frame_error("bowl", seed, random_transform(seed)) for seed in range(8)]
+    assert all(T[2, 2] > np.cos(np.radians(2)) and np.linalg.norm(T[:3, 3]) < 2e-3 for T in errors)
+
+
+def test_boxes_lie_along_their_edges_the_longest_upright() -> None:
+    for seed in range(8):
+        mesh = sample_shape("box", np.random.default_rng(seed)).mesh.copy()
+        sizes = np.sort(mesh.extents)
+        T_mesh_object = random_transform(seed)
+        found = mesh.apply_transform(T_mesh_object).apply_transform(canonical_frame(mesh, BOX))
+        np.testing.assert_allclose(found.extents, sizes, atol=2e-3)
+        np.testing.assert_allclose(found.bounds.mean(axis=0), 0, atol=1e-4)
+
+
+@pytest.mark.parametrize(("sections", "symmetry"), [(4, QUARTER_TURN), (2, HALF_TURN)])
+def test_what_stands_out_of_the_body_lies_on_an_axis(sections: int, symmetry: Symmetry) -> None:
+    body = trimesh.creation.cylinder(radius=0.05, height=0.1, sections=64)
+    bars = [trimesh.creation.box((0.18, 0.02, 0.02)), trimesh.creation.box((0.02, 0.18, 0.02))]
+    mesh = trimesh.boolean.union([body, *bars[: sections // 2]]).apply_translation([0, 0, 0.1])
+    cone = trimesh.creation.cylinder(radius=0.03, height=0.1, sections=64).apply_translation([0, 0, 0.19])
+    mesh = trimesh.boolean.union([mesh, cone])
+    T = random_transform(sections)
+    found = mesh.apply_transform(T).apply_transform(canonical_frame(mesh, symmetry))
+    assert found.extents[0] == pytest.approx(0.18, abs=2e-3)
+    assert found.bounds[1, 2] == pytest.approx(-found.bounds[0, 2], abs=1e-4)
 
 
 def test_size_and_place_of_the_mesh_do_not_matter() -> None:

@@ -7,8 +7,9 @@ import pytest
 import trimesh
 
 from neuse.errors import MeshError
-from neuse.simulation.meshes import load_meshes
+from neuse.simulation.meshes import load_category, load_meshes
 from neuse.simulation.shapes import sample_shape
+from neuse.symmetry import AXIAL, HALF_TURN, NONE
 
 
 @pytest.fixture
@@ -23,7 +24,7 @@ def export(mesh: trimesh.Trimesh, directory: Path, name: str, category: str = "m
     return path
 
 
-@pytest.mark.parametrize("suffix", ["obj", "ply", "stl"])
+@pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "glb"])
 def test_mug_with_y_up_becomes_a_shape_in_the_object_frame(
     mug: trimesh.Trimesh, tmp_path: Path, suffix: str
 ) -> None:
@@ -72,6 +73,26 @@ def test_category_without_a_folder_has_no_meshes(tmp_path: Path) -> None:
     assert load_meshes(tmp_path, "bottle") == []
 
 
+def test_symmetry_of_an_unknown_category_is_found_or_told(tmp_path: Path) -> None:
+    export(trimesh.creation.cylinder(radius=0.04, height=0.1), tmp_path, "a.ply", "kettle")
+    assert [shape.symmetry for shape in load_meshes(tmp_path, "kettle")] == [AXIAL]
+    assert [shape.symmetry for shape in load_meshes(tmp_path, "kettle", HALF_TURN)] == [HALF_TURN]
+
+
+def test_symmetry_of_a_known_category_is_known(tmp_path: Path) -> None:
+    export(trimesh.creation.cylinder(radius=0.04, height=0.1), tmp_path, "a.ply", "mug")
+    assert [shape.symmetry for shape in load_meshes(tmp_path, "mug")] == [NONE]
+
+
+def test_meshes_of_one_category_may_lie_in_the_folder_itself(tmp_path: Path) -> None:
+    box = trimesh.creation.box((0.1, 0.05, 0.07))
+    box.export(tmp_path / "loose.stl")
+    assert [shape.name for shape in load_category(tmp_path, "carton")] == ["loose"]
+    export(box, tmp_path, "own.stl", "carton")
+    assert [shape.name for shape in load_category(tmp_path, "carton")] == ["own"]
+    assert [shape.category for shape in load_category(tmp_path, "other")] == ["other"]
+
+
 def test_missing_directory_is_refused(tmp_path: Path) -> None:
     with pytest.raises(MeshError, match="not a directory"):
         load_meshes(tmp_path / "none", "mug")
@@ -90,13 +111,17 @@ def test_open_mesh_is_refused_by_name(mug: trimesh.Trimesh, tmp_path: Path) -> N
         load_meshes(tmp_path, "mug")
 
 
-def test_mesh_in_millimetres_is_refused_with_the_remedy(mug: trimesh.Trimesh, tmp_path: Path) -> None:
-    export(mug.apply_scale(1000.0), tmp_path, "cup.stl")
-    with pytest.raises(MeshError, match=r"cup\.stl.*millimetres; scale it by 0\.001"):
+@pytest.mark.parametrize(
+    ("scale", "remedy"),
+    [(1000.0, r"millimetres; scale it by 0\.001"), (130.0, r"centimetres; scale it by 0\.01")],
+)
+def test_mesh_in_another_unit_is_refused_with_the_remedy(tmp_path: Path, scale: float, remedy: str) -> None:
+    export(trimesh.creation.box((0.04, 0.04, 0.06)).apply_scale(scale), tmp_path, "cup.stl")
+    with pytest.raises(MeshError, match=rf"cup\.stl.*{remedy}"):
         load_meshes(tmp_path, "mug")
 
 
-@pytest.mark.parametrize("scale", [0.01, 20.0])
+@pytest.mark.parametrize("scale", [0.01, 20.0, 1e6])
 def test_mesh_of_unreasonable_size_is_refused(mug: trimesh.Trimesh, tmp_path: Path, scale: float) -> None:
     export(mug.apply_scale(scale), tmp_path, "cup.stl")
     with pytest.raises(MeshError, match="real size"):
@@ -104,7 +129,7 @@ def test_mesh_of_unreasonable_size_is_refused(mug: trimesh.Trimesh, tmp_path: Pa
 
 
 @pytest.mark.parametrize("content", [b"", b"ply\nnonsense", b"v 0 0 0\nv 1 0 0\n"])
-@pytest.mark.parametrize("suffix", ["obj", "ply", "stl"])
+@pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "glb"])
 def test_damaged_or_empty_file_is_refused_by_name(tmp_path: Path, content: bytes, suffix: str) -> None:
     (tmp_path / "mug").mkdir()
     (tmp_path / "mug" / f"bad.{suffix}").write_bytes(content)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from neuse.errors import InputError
-from neuse.simulation import bottles, handles, mugs
+from neuse.simulation import bottles, bowls, boxes, handles, mugs
 from neuse.simulation.shapes import Shape, categories, make_shape, sample_shape
+from neuse.symmetry import AXIAL, NONE
 
 N_SHAPES = 120
 
@@ -29,7 +30,8 @@ def test_shape_is_one_closed_solid_with_outward_normals(category: str) -> None:
 
 @pytest.mark.parametrize("category", categories())
 def test_mesh_is_detailed_but_small(category: str) -> None:
-    assert all(3000 <= len(shape.mesh.faces) <= 15000 for shape in shapes(category))
+    least = 12 if category == "box" else 3000
+    assert all(least <= len(shape.mesh.faces) <= 15000 for shape in shapes(category))
 
 
 @pytest.mark.parametrize("category", categories())
@@ -103,7 +105,8 @@ def test_sizes_cover_espresso_to_soup_and_vial_to_magnum() -> None:
 
 
 def test_held_out_families_never_train_and_are_a_part_of_the_test() -> None:
-    held_out = {*mugs.HELD_OUT_BODIES, *handles.HELD_OUT_HANDLES, *bottles.HELD_OUT}
+    held_out = {*mugs.HELD_OUT_BODIES, *handles.HELD_OUT_HANDLES}
+    held_out |= {*bottles.HELD_OUT, *bowls.HELD_OUT, *boxes.HELD_OUT}
 
     def share(split: int) -> float:
         names = [shape.name for category in categories() for shape in shapes(category)[split::2]]
@@ -115,7 +118,7 @@ def test_held_out_families_never_train_and_are_a_part_of_the_test() -> None:
 
 def test_every_family_occurs() -> None:
     names = " ".join(shape.name for category in categories() for shape in shapes(category))
-    families = {*mugs.BODIES, *handles.HANDLES, *bottles.FAMILIES}
+    families = {*mugs.BODIES, *handles.HANDLES, *bottles.FAMILIES, *bowls.FAMILIES, *boxes.FAMILIES}
     assert {family for family in families if family not in names} == set()
 
 
@@ -128,9 +131,23 @@ def test_same_seed_gives_the_same_shape(category: str) -> None:
     assert again != shape  # identity, so that shapes can be keys
 
 
-def test_only_bottles_are_ambiguous() -> None:
-    assert not shapes("mug")[0].ambiguous
-    assert shapes("bottle")[0].ambiguous
+def test_only_what_is_round_is_ambiguous() -> None:
+    ambiguous = {category for category in categories() if shapes(category)[0].ambiguous}
+    assert ambiguous == {"bottle", "bowl"}
+
+
+def test_symmetry_is_that_of_the_category_unless_it_is_told() -> None:
+    mesh = shapes("mug")[0].mesh
+    assert make_shape("plain", "mug", mesh).symmetry is NONE
+    assert make_shape("plain", "kettle", mesh).symmetry is NONE
+    told = make_shape("plain", "kettle", mesh, symmetry=AXIAL)
+    assert told.ambiguous
+    assert told.extents[0] == told.extents[1]
+
+
+def test_extents_of_a_box_are_its_half_sizes() -> None:
+    for shape in shapes("box"):
+        np.testing.assert_allclose(shape.extents, shape.mesh.extents / 2, atol=1e-6)
 
 
 def test_color_is_the_ground_of_the_texture() -> None:
