@@ -14,7 +14,14 @@ from neuse.mapping.keyframe_memory import KeyframeMemory, SeenKeyframe
 from neuse.mapping.map_file import load_map, restore, save_map, snapshot
 from neuse.mapping.newcomers import Judge, NewcomerParams, Origin
 from neuse.mapping.object_graph import LayoutParams
-from neuse.mapping.object_library import LibraryParams, ObjectLibrary, ObjectRecord, associated, make_view
+from neuse.mapping.object_library import (
+    LibraryParams,
+    ObjectLibrary,
+    ObjectRecord,
+    associated,
+    make_view,
+    recalled,
+)
 from neuse.mapping.presence import Presence
 from neuse.mapping.reconstruction import MeshCache, Reconstruct
 from neuse.mapping.upkeep import UpkeepParams
@@ -129,6 +136,31 @@ class ObjectMapper:
         self.reset()
         self._stamp_ns = stored.stamp_ns
         restore(stored, self._library, self._memory)
+
+    def recall(self, object_map: ObjectMap) -> int:
+        """Take over what an earlier mapper of this session knew; how many objects that are new here.
+
+        Of objects that are known here again their history is taken over. A map later than the latest frame is
+        of another session.
+        """
+        if object_map.stamp_ns > self._stamp_ns:
+            return 0
+        return sum(self._recall(known) for known in object_map.objects)
+
+    def _recall(self, known: MapObject) -> bool:
+        record = self._library.find(known.object_id)
+        is_new = record is None
+        if record is None:
+            record = recalled(known, self._memory.poses)
+            self._library.records[known.object_id] = record
+        else:
+            record.first_seen_ns = min(known.first_seen_ns, record.first_seen_ns)
+            record.n_observations += known.n_observations
+            record.since_tick = 0
+            if record.is_present and known.status != ObjectStatus.REMOVED:
+                record.status = known.status
+        self._newcomers.discard(record.object_id)
+        return is_new
 
     def _update_objects(self, frame: TrackedFrame) -> None:
         """Add the frame's views to the objects it saw; unknown ids become newcomers."""

@@ -10,7 +10,7 @@ from neuse.embedding.code import Code
 from neuse.geometry import Array, inverse, transform_points
 from neuse.mapping.keyframe_memory import most_redundant
 from neuse.params import CheckedParams, param
-from neuse.records import MatchStatus, ObjectStatus, TrackedFrame, TrackedObservation
+from neuse.records import NO_ID, MapObject, MatchStatus, ObjectStatus, TrackedFrame, TrackedObservation
 
 _FLIP_SCALE_M = 0.02  # views whose landmarks lie this far from the average count half
 _VIEWS_OF_PLACE = 6  # so many views show an object's surface from all sides
@@ -163,6 +163,17 @@ def make_view(code: Code, cloud: np.ndarray, T_keyframe_camera: Array, is_cut: b
     kept = np.sort(nearest)[:: max(1, len(nearest) // count)][:count]
     points = transform_points(T_keyframe_camera, cloud[kept].reshape(-1, 3))
     return View(code.transformed(T_keyframe_camera), points, (0.25 if is_cut else 1.0) * 1e-6 / variance)
+
+
+def recalled(known: MapObject, poses: Mapping[int, Array]) -> ObjectRecord:
+    """The record of an object of which only its entry in a map is left; its box stands for its surface."""
+    sides = np.concatenate([np.eye(3), -np.eye(3)]) * known.box_size / 2
+    points = known.box_center + sides @ known.T_map_object[:3, :3].T
+    variance = float(np.mean(known.code.sigmas[3:] ** 2)) + 1e-6
+    return ObjectRecord(
+        known.object_id, known.category, poses, known.first_seen_ns, known.last_seen_ns, 0, 0,
+        known.n_observations, known.status, {NO_ID: View(known.code, points, 1e-6 / variance)},
+    )  # fmt: skip
 
 
 class ObjectLibrary:

@@ -65,6 +65,7 @@ class MapperNode(StageNode):
             self._mapper.load(params.load_path)
         self._match = KeyframeMatch()
         self._board = MarkerBoard()
+        self._is_original = not params.load_path  # nobody has told this map to be another
         self._next_map_ns = self._next_drawing_ns = 0
         self._connect(params.topic_depth)
 
@@ -84,6 +85,7 @@ class MapperNode(StageNode):
         self._changes = self.offer(ObjectChangeMsg, "neuse/changes", reliable(depth))
         self.listen(TrackedFrame, "neuse/frames", self._receive_frame, reliable(depth))
         self.listen(KeyframeArray, "neuse/keyframes", self._receive_keyframes, latched(depth))
+        self.listen(ObjectMap, "neuse/recalled_map", self._receive_recalled, reliable(1))
         self.serve(SaveMap, "~/save_map", self._save_map)
         self.serve(LoadMap, "~/load_map", self._load_map)
         self.serve(Trigger, "~/reset", self._reset)
@@ -99,6 +101,7 @@ class MapperNode(StageNode):
         self._publish_due(stamp_ns)
 
     def forget(self) -> None:
+        self._is_original = False
         self._mapper.reset()
         map_frame = self._params.map_frame
         self._next_map_ns = self._next_drawing_ns = 0
@@ -123,6 +126,16 @@ class MapperNode(StageNode):
     def _receive_keyframes(self, message: KeyframeArray) -> None:
         self._match.add_keyframes(message)
         self._release()
+
+    def _receive_recalled(self, message: ObjectMap) -> None:
+        """slam_node remembers what the mapper before this one knew; after a reset nobody wants it back."""
+        object_map = conversions.object_map_from_msg(message)
+        with self.lock:
+            if self._is_original:
+                self._is_original = False
+                recalled = self._mapper.recall(object_map)
+                self.health.tally("recalled_objects", recalled)
+                self._publish_map()
 
     def _release(self) -> None:
         for frame, estimates in self._match.release():
@@ -168,6 +181,7 @@ class MapperNode(StageNode):
     def _load_map(self, request: LoadMap.Request, response: LoadMap.Response) -> LoadMap.Response:
         def load() -> str:
             self._mapper.load(request.path)
+            self._is_original = False
             self._publish_map()
             self._draw()
             return f"{len(self._mapper.object_map.objects)} objects loaded from {request.path}"

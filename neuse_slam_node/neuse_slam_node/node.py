@@ -20,10 +20,11 @@ from neuse_encoder_node.qos import latched, reliable, sensor
 from neuse_encoder_node.run import run
 from neuse_encoder_node.stage_node import StageNode, StageParams
 from neuse_encoder_node.stamps import NANOSECONDS
-from neuse_msgs.msg import KeyframeArray, ObjectChange, ObjectObservationArray, PoseGraphEdgeArray
+from neuse_msgs.msg import KeyframeArray, ObjectChange, ObjectMap, ObjectObservationArray, PoseGraphEdgeArray
 from neuse_msgs.msg import TrackedFrame as TrackedFrameMsg
 from neuse_slam_node import conversions
 from neuse_slam_node.map_frame import make_broadcaster
+from neuse_slam_node.map_memory import MapMemory
 from neuse_slam_node.odometry_match import OdometryMatch
 
 NAME = "slam_node"
@@ -78,6 +79,7 @@ class SlamNode(StageNode):
         self._camera_frame = self._odom_frame = ""
         self._last_stamp_ns = self._next_path_ns = 0
         self._counted: Counter[str] = Counter()
+        self._memory = MapMemory()
         self._connect(params.topic_depth, reliable if params.odometry_reliable else sensor)
 
     def _connect(self, depth: int, odometry_qos: Callable[[int], QoSProfile]) -> None:
@@ -90,11 +92,14 @@ class SlamNode(StageNode):
         self.listen(Odometry, "odom", self._receive_odometry, odometry_qos(depth))
         self.listen(PoseGraphEdgeArray, "neuse/external_edges", self._receive_edges, reliable(depth))
         self.listen(ObjectChange, "neuse/changes", self._receive_change, reliable(depth))
+        self._recalled = self.offer(ObjectMap, "neuse/recalled_map", reliable(1))
+        self.listen(ObjectMap, "neuse/map", self._receive_map, latched())
 
     def forget(self) -> None:
         self._slam.reset()
         self._feedback.clear()
         self._counted.clear()
+        self._memory.forget()
         self._next_path_ns = 0
 
     def process(self, stamp_ns: int, item: tuple[ObjectObservationArray, OdometrySample | None]) -> None:
@@ -167,6 +172,13 @@ class SlamNode(StageNode):
             return
         with self.lock:
             self._feedback.add(change)
+
+    def _receive_map(self, message: ObjectMap) -> None:
+        """A mapper that was started again gets back what the one before it knew."""
+        lost = self._memory.hear(message)
+        if lost is not None:
+            self.get_logger().info(f"mapper has started anew: it is told of {len(lost.objects)} objects")
+            self._recalled.publish(lost)
 
     def _count_faults(self, stamp_ns: int) -> None:
         """Pass on what the library has counted since the last look."""

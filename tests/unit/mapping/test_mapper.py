@@ -115,6 +115,37 @@ def test_map_does_not_depend_on_the_order_of_observations_in_a_frame(shuffles):
         np.testing.assert_array_equal(one.code.z, other.code.z)
 
 
+def test_mapper_that_starts_anew_goes_on_with_what_the_one_before_knew():
+    params = MapperParams(changes=ChangeParams(removal_s=0.0))
+    world = make_world(mapper=ObjectMapper(RECONSTRUCT, params))
+    world.tour(orbit(count=12))
+    world.remove("a")
+    world.tour(orbit(count=16))
+    before, changes = world.mapper.object_map, list(world.changes)
+    assert REMOVED in {change.kind for change in changes}
+    world.mapper = ObjectMapper(RECONSTRUCT, params)
+    world.tour(orbit(count=16)[:3])
+    seen = {known.object_id for known in world.mapper.object_map.objects}
+    assert world.mapper.recall(before) == len({known.object_id for known in before.objects} - seen) > 0
+    after = {known.object_id: known for known in world.mapper.object_map.objects}
+    for known in before.objects:
+        found = after[known.object_id]
+        assert (found.first_seen_ns, found.status) == (known.first_seen_ns, known.status)
+        assert found.n_observations >= known.n_observations
+        np.testing.assert_allclose(found.box_center, known.box_center, atol=0.02)
+    world.tour(orbit(count=16))
+    assert world.finish() == changes
+    assert_map_is_true(world)
+
+
+def test_map_that_is_later_than_this_session_is_not_recalled():
+    world = make_world()
+    world.tour(orbit(count=4))
+    mapper = ObjectMapper(RECONSTRUCT)
+    assert mapper.recall(world.mapper.object_map) == 0
+    assert mapper.object_map.objects == ()
+
+
 def test_loop_closure_moves_the_objects_with_their_keyframes():
     world = make_world()
     world.tour(orbit(count=12))

@@ -1,0 +1,40 @@
+from dataclasses import replace
+
+from neuse.records import ObjectMap
+from neuse_mapper_node.conversions import object_map_to_msg
+from neuse_slam_node.map_memory import MapMemory
+
+from . import samples
+
+
+def message(*first_seen_ns: int):
+    """A map of objects that were first seen then."""
+    (known,) = samples.object_map().objects
+    objects = tuple(replace(known, object_id=i, first_seen_ns=ns) for i, ns in enumerate(first_seen_ns))
+    return object_map_to_msg(ObjectMap(samples.STAMP_NS, objects), "map")
+
+
+def test_map_that_grows_or_merges_needs_nothing():
+    memory = MapMemory()
+    assert not any(memory.hear(message(*stamps)) for stamps in [(), (7,), (7, 9, 12), (7, 12), (7,)])
+
+
+def test_map_that_begins_later_gets_back_the_one_before_once():
+    memory, whole = MapMemory(), message(7, 9)
+    memory.hear(whole)
+    assert memory.hear(message(9)) is whole
+    assert memory.hear(message(9, 30)) is None
+    assert memory.hear(message(7, 9, 30)) is None
+
+
+def test_empty_map_has_lost_everything():
+    memory, whole = MapMemory(), message(7, 9)
+    memory.hear(whole)
+    assert memory.hear(message()) is whole
+
+
+def test_new_run_remembers_nothing():
+    memory = MapMemory()
+    memory.hear(message(7))
+    memory.forget()
+    assert memory.hear(message(9)) is None
