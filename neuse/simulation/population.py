@@ -9,26 +9,29 @@ from neuse.errors import DegenerateGeometryError
 from neuse.simulation.poses import place
 from neuse.simulation.shapes import Shape, sample_shape
 
-CATEGORIES = ("mug", "bottle")
-
 Item = tuple[Shape, str]  # a shape and its kind of pose, "upright" or "lying"
 
 
 def population(
-    objects: int, twins: int, lying_share: float, own: Mapping[str, Sequence[Shape]], rng: np.random.Generator
+    categories: Sequence[str],
+    objects: int,
+    twins: int,
+    lying_share: float,
+    own: Mapping[str, Sequence[Shape]],
+    rng: np.random.Generator,
 ) -> Iterator[Item]:
-    """Endless items, mugs and bottles by turns.
+    """Endless items, the categories by turns.
 
     Args:
         objects: how many the world has at first; the last `twins` of them repeat shapes of the others.
         own: shapes by category to take in place of procedural ones; they return once all have been taken.
     """
-    drawn: dict[str, list[Shape]] = {category: [] for category in CATEGORIES}
+    drawn: dict[str, list[Shape]] = {category: [] for category in categories}
     for index in count():
-        category = CATEGORIES[index % len(CATEGORIES)]
+        category = categories[index % len(categories)]
         earlier = drawn[category]
         if objects - twins <= index < objects:
-            shape = earlier[(objects - index) // len(CATEGORIES)]
+            shape = earlier[(objects - index) // len(categories)]
         elif own.get(category):
             shape = own[category][len(earlier) % len(own[category])]
         else:

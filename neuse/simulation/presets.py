@@ -40,7 +40,8 @@ class WorldPreset(CheckedParams):
     tables: tuple[Table, ...]
     routes: tuple[Route, ...]
     changes: tuple[ChangePlan, ...]
-    objects: int = param(12, "objects at the start, mugs and bottles by turns", 1, 500)
+    categories: tuple[str, ...] = param(("mug", "bottle"), "of the objects, by turns")
+    objects: int = param(12, "objects at the start", 1, 500)
     twins: int = param(0, "objects whose shape another object has too", 0, 250)
     lying_share: float = param(0.0, "share of objects that lie", 0.0, 1.0)
     frames: int = param(400, "frames of the whole trajectory", 3, 100_000)
@@ -116,6 +117,13 @@ _TABLETOP = WorldPreset(
     frames=400,
     approach_m=0.85,
     odometry=visual_odometry_noise(),
+)
+
+_KITCHEN = replace(
+    _TABLETOP,
+    name="kitchen",
+    tables=_ring_tables(TRIANGLE, radius=0.8, size_m=(1.15, 0.6)),
+    categories=("mug", "bottle", "bowl", "box"),
 )
 
 _RING = ((2, -6), (3.6, -3), (3.6, 0), (3.6, 3), (2, 6), (-2, 6), (-3.6, 3), (-3.6, 0), (-3.6, -3), (-2, -6))
@@ -201,6 +209,7 @@ PRESETS = {
     preset.name: preset
     for preset in (
         _TABLETOP,
+        _KITCHEN,
         _SYNTHETIC_PLANAR,
         replace(_SYNTHETIC_PLANAR, name="synthetic-nonplanar", lying_share=0.5),
         _FOUR_ROUND,

@@ -1,7 +1,7 @@
 """Worlds to run the system on: a preset and a seed give a layout, a layout gives frames with exact truth."""
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -17,9 +17,10 @@ from neuse.records import Instance, Intrinsics, ObjectChange, OdometrySample, Rg
 from neuse.simulation.camera import DepthCamera
 from neuse.simulation.changes import change_scene
 from neuse.simulation.layout import Decorator, Sight
+from neuse.simulation.mesh_files import mesh_paths
 from neuse.simulation.meshes import load_meshes
 from neuse.simulation.odometry import drifting_odometry
-from neuse.simulation.population import CATEGORIES, Item, population
+from neuse.simulation.population import Item, population
 from neuse.simulation.presets import PRESETS, WorldPreset
 from neuse.simulation.scene import SceneChange, Table, Timeline, TrueObject
 from neuse.simulation.sensor import apply_faults
@@ -84,7 +85,8 @@ def make_world(preset: str | WorldPreset, seed: int, meshes: Path | None = None)
 
     Args:
         preset: a name in PRESETS, or one's own.
-        meshes: folder of meshes that replace the procedural shapes.
+        meshes: DIR/<category>/*.obj, ply, stl or glb, which replace the procedural shapes; categories that
+            the preset does not have join in.
     Raises:
         ParamError: an unknown preset, one whose objects or changes find no room in any of MAX_DRAWS layouts,
             or a negative seed.
@@ -93,7 +95,8 @@ def make_world(preset: str | WorldPreset, seed: int, meshes: Path | None = None)
     preset = _preset(preset)
     if seed < 0:
         raise ParamError(f"seed {seed} is negative; choose 0 or more")
-    own = {category: load_meshes(meshes, category) for category in CATEGORIES} if meshes else {}
+    own = _own_shapes(meshes, preset.categories) if meshes else {}
+    preset = replace(preset, categories=tuple(own) or preset.categories)
     for attempt in range(MAX_DRAWS - 1):
         with suppress(ParamError):  # objects or changes found no room
             return _draw_world(preset, seed, attempt, own)
@@ -106,8 +109,8 @@ def _draw_world(preset: WorldPreset, seed: int, attempt: int, own: dict[str, lis
     routes = [[_jittered_waypoint(w, preset.jitter_m, rng) for w in route] for route in preset.routes]
     trajectory = closed_trajectory(routes, preset.frames)
     decorator = Decorator(tables, Sight(trajectory, preset.intrinsics), preset.approach_m, rng)
-    items = population(preset.objects, preset.twins, preset.lying_share, own, rng)
-    initial = _initial_objects(items, preset.objects, decorator)
+    items = population(preset.categories, preset.objects, preset.twins, preset.lying_share, own, rng)
+    initial = _initial_objects(items, preset, decorator)
     timeline = change_scene(initial, preset.changes, items, decorator)
     T_odom_camera = drifting_odometry(trajectory.T_world_camera, preset.odometry, rng)
     return World(preset, seed, tables, trajectory, timeline, T_odom_camera)
@@ -199,11 +202,20 @@ def _preset(preset: str | WorldPreset) -> WorldPreset:
     return PRESETS[preset]
 
 
-def _initial_objects(items: Iterator[Item], count: int, decorator: Decorator) -> tuple[TrueObject, ...]:
-    """The first objects: each table gets a mug and a bottle in turn."""
+def _own_shapes(meshes: Path, known: Sequence[str]) -> dict[str, list[Shape]]:
+    """By category, the known ones first; empty where there are procedural shapes alone."""
+    folders = sorted(path.name for path in meshes.iterdir() if path.is_dir()) if meshes.is_dir() else []
+    found = [name for name in folders if mesh_paths(meshes / name)]
+    return {category: load_meshes(meshes, category) for category in dict.fromkeys([*known, *found])}
+
+
+def _initial_objects(
+    items: Iterator[Item], preset: WorldPreset, decorator: Decorator
+) -> tuple[TrueObject, ...]:
+    """The first objects: each table gets one of each category in turn."""
     objects: list[TrueObject] = []
-    for object_id, (shape, kind) in enumerate(islice(items, count)):
-        table = decorator.tables[object_id // len(CATEGORIES) % len(decorator.tables)]
+    for object_id, (shape, kind) in enumerate(islice(items, preset.objects)):
+        table = decorator.tables[object_id // len(preset.categories) % len(decorator.tables)]
         objects.append(TrueObject(object_id, shape, decorator.find_place(shape, kind, [table], objects)))
     return tuple(objects)
 

@@ -16,12 +16,19 @@ OWN = {
 }
 
 
-def drawn(n, objects=100, twins=0, lying_share=0.0, own=OWN, seed=0):
-    return list(islice(population(objects, twins, lying_share, own, np.random.default_rng(seed)), n))
+def drawn(n, objects=100, twins=0, lying_share=0.0, own=OWN, seed=0, categories=("mug", "bottle")):
+    rng = np.random.default_rng(seed)
+    return list(islice(population(categories, objects, twins, lying_share, own, rng), n))
 
 
 def test_mugs_and_bottles_alternate():
     assert [shape.category for shape, _ in drawn(6)] == ["mug", "bottle"] * 3
+
+
+def test_categories_come_by_turns_however_many():
+    names = ("mug", "bowl", "kettle")
+    own = {name: [box(name)] for name in names}
+    assert [shape.category for shape, _ in drawn(7, own=own, categories=names)] == [*names, *names, "mug"]
 
 
 def test_own_shapes_replace_procedural_ones_and_return_when_all_are_used():

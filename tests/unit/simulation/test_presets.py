@@ -12,6 +12,7 @@ def n_changes(preset):
     ("name", "tables", "objects", "traversals", "changes"),
     [
         ("tabletop", 3, 12, 2, 3),
+        ("kitchen", 3, 12, 2, 3),
         ("synthetic-planar", 10, 50, 2, 9),
         ("synthetic-nonplanar", 10, 50, 2, 9),
         ("four-round", 5, 28, 4, 9),

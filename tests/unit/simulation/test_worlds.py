@@ -179,6 +179,23 @@ def test_tabletop_is_what_the_demo_needs():
     assert sorted(change.kind for change in world.timeline.changes) == sorted(ChangeKind)
 
 
+def test_kitchen_has_all_categories_by_turns():
+    world = make_world("kitchen", seed=100)
+    found = [tracked.shape.category for tracked in world.timeline.initial]
+    assert found == ["mug", "bottle", "bowl", "box"] * 3
+    assert len(world.timeline.changes) == 3
+
+
+def test_own_categories_join_those_of_the_preset(tmp_path):
+    (tmp_path / "kettle").mkdir()
+    (tmp_path / "empty").mkdir()
+    trimesh.creation.cylinder(radius=0.05, height=0.12).export(tmp_path / "kettle" / "own.ply")
+    world = make_world(SMALL, seed=100, meshes=tmp_path)
+    found = [tracked.shape.category for tracked in world.timeline.initial]
+    assert found[:6] == ["mug", "bottle", "kettle"] * 2
+    assert found.count("kettle") == 4
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", list(PRESETS))
 def test_layout_of_every_preset_is_sound(name):
