@@ -9,16 +9,17 @@ from neuse.errors import SolverError
 from neuse.geometry import Array, inverse
 from neuse.records import Edge, EdgeKind
 from neuse.slam.keyframes import KeyframeRecord
-from neuse.slam.object_frames import LEAST_SHARE, ObjectFrames
+from neuse.slam.object_frames import LEAST_SHARE, ObjectFrames, frames_at
 from neuse.slam.odometry import NANOSECONDS
 from neuse.slam.pose_graph import PoseGraph, SlidingWindow, SolverParams
-from neuse.slam.track import Track, orthonormal_places
+from neuse.slam.track import Track, heights_of, orthonormal_places, places_of
 
 LEVER_M = 0.3  # where a handle becomes a point: so far out that its noise is that of the direction
 LOOSE_RAD = 1.0  # along directions in which a point on the lever says nothing
 LEAST_HALF_HEIGHT_M = 0.01  # of ends that tell an axis
 MAX_HANDLE_SIGMA_RAD = 0.6  # a handle known no better is hidden
 RECENT = 20  # keyframes whose poses are read after every solution
+KNOWN_SIGMAS = np.array([0.05, 0.05, 0.15, 0.01, 0.01, 0.01])  # of places in a map made by others
 TOP, BOTTOM, HANDLE = range(3)
 
 
@@ -51,6 +52,12 @@ class Backend(Protocol):
     def place_all(self, tracks: Iterable[Track]) -> None:
         """Update the places of tracks in the graph from the last solution."""
 
+    def move(self, T_map_graph: Array, covariance: Array) -> None:
+        """Everything belongs elsewhere, the last keyframe with this covariance (6, 6)."""
+
+    def add_known(self, tracks: Sequence[Track]) -> None:
+        """Tracks whose places are known from elsewhere."""
+
 
 class _Base:
     def __init__(self, params: SolverParams) -> None:
@@ -73,6 +80,11 @@ class _Base:
 
     def covariance(self, keyframe_id: int) -> Array:
         return self.graph.covariance(keyframe_id)
+
+    def move(self, T_map_graph: Array, covariance: Array) -> None:
+        self.poses = T_map_graph @ self.latest_poses()
+        self.graph.move(T_map_graph)
+        self.graph.add_hold(len(self.poses) - 1, self.poses[-1], covariance)
 
 
 class LandmarkBackend(_Base):
@@ -111,6 +123,14 @@ class LandmarkBackend(_Base):
             for part in range(2 if _handle_hidden(record.frames, i) else 3):
                 seen = points[part], covariances[part], starts[part]
                 self.graph.add_sighting(record.keyframe_id, 3 * track.key + part, *seen, loose=part == HANDLE)
+
+    def add_known(self, tracks: Sequence[Track]) -> None:
+        ambiguous = np.array([track.ambiguous for track in tracks], dtype=bool)
+        frames = frames_at(places_of(tracks), KNOWN_SIGMAS, ambiguous, heights_of(tracks)[0])
+        for i, track in enumerate(tracks):
+            points, covariances = landmark_points(frames, i)
+            for part in range(2 if track.ambiguous else 3):
+                self.graph.add_known_point(3 * track.key + part, points[part], covariances[part])
 
     def solve(self, loop_closed: bool) -> Array:
         if loop_closed:
@@ -177,6 +197,9 @@ class EdgeBackend(_Base):
 
     def add_sightings(self, record: KeyframeRecord, tracks: Iterable[Track]) -> None:
         """Nothing: the edges have said it."""
+
+    def add_known(self, tracks: Sequence[Track]) -> None:
+        """Nothing: there are no objects in the graph; the pose with which the map was joined holds it."""
 
     def place_all(self, tracks: Iterable[Track]) -> None:
         places = self._seen.places(self.poses)

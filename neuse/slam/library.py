@@ -1,6 +1,7 @@
 """The objects that the tracker knows, tentative and confirmed (NeuSE IV-A: the object library)."""
 
 from collections.abc import Iterable, Sequence
+from itertools import count
 from typing import Protocol
 
 import numpy as np
@@ -8,9 +9,10 @@ import numpy as np
 from neuse.embedding.code import Code
 from neuse.geometry import Array
 from neuse.records import NO_ID
-from neuse.slam.track import LastSighting, Track, shape_noise
+from neuse.slam.track import MEMORY, LastSighting, Track, shape_noise
 from neuse.slam.track_table import TrackTable
 
+LONG_AGO = -1_000_000  # a frame before all others
 RECENT_FRAMES, RECENT_FACTOR = 30, 4.0  # within 3 s nobody trades objects; a mask may be cut
 
 
@@ -33,8 +35,12 @@ class ObjectLibrary:
         self.tracks: dict[int, Track] = {}
         self.table = TrackTable()
         self._next_key = 0
-        self._next_id = 0
+        self._ids = count()
         self._turn = 0
+
+    def count_ids(self, first: int, step: int) -> None:
+        """From now on new public names are `first`, `first + step`, ..."""
+        self._ids = count(first, step)
 
     def add(self, code: Code, place: Array, last: LastSighting, drift: Array, frame_index: int) -> Track:
         """A tentative object."""
@@ -62,8 +68,16 @@ class ObjectLibrary:
     def name(self, track: Track) -> None:
         """Give a track a public name, unless it has one."""
         if track.object_id == NO_ID:
-            track.object_id = self._next_id
-            self._next_id += 1
+            track.object_id = next(self._ids)
+
+    def adopt(self, object_id: int, code: Code, place: Array, last: LastSighting, drift: Array) -> Track:
+        """An object of a map made by others, known as well as one that was seen often and long ago."""
+        track = self.add(code, place, last, drift, LONG_AGO)
+        track.object_id, track.confirmed, track.in_graph, track.anchored = object_id, True, True, True
+        track.n_sightings = MEMORY
+        track.shape_weight *= MEMORY
+        track.place_weights, track.height_weight = track.place_weights * MEMORY, track.height_weight * MEMORY
+        return track
 
     def confirm(self, track: Track) -> None:
         """Make a tentative object one of the map."""

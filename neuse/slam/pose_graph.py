@@ -63,6 +63,33 @@ class PoseGraph:
             gtsam.PriorFactorPose3(_pose_key(keyframe_id), gtsam.Pose3(T_map_camera), noise)
         )
 
+    def move(self, T_map_graph: Array) -> None:
+        """Put everything elsewhere; nothing holds it there until `add_hold` and `add_known_point` say what.
+
+        Edges and sightings are relative, so that they stay as they are.
+        """
+        factors = self._isam.getFactorsUnsafe()
+        for i in range(factors.size()):
+            if factors.exists(i) and factors.at(i).size() > 1:
+                self._new_factors.add(factors.at(i))
+        self._new_values.insert(_moved(T_map_graph, self._isam.calculateEstimate()))
+        self._isam = gtsam.ISAM2(_isam_params(self.params))
+
+    def add_hold(self, keyframe_id: int, T_map_camera: Array, covariance: Array) -> None:
+        """A pose that is known from elsewhere."""
+        noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
+        self._new_factors.add(
+            gtsam.PriorFactorPose3(_pose_key(keyframe_id), gtsam.Pose3(renormalized(T_map_camera)), noise)
+        )
+
+    def add_known_point(self, point_id: int, p_map: Array, covariance: Array) -> None:
+        """A landmark point whose place is known from elsewhere, metres, covariance (3, 3)."""
+        if point_id not in self._points:
+            self._points[point_id] = gtsam.symbol(POINT, point_id)
+            self._new_values.insert(self._points[point_id], np.asarray(p_map, dtype=np.float64))
+        noise = _robust(gtsam.noiseModel.Gaussian.Covariance(covariance), self.params.cauchy_sigmas)
+        self._new_factors.add(gtsam.PriorFactorPoint3(self._points[point_id], p_map, noise))
+
     def add_pose(self, keyframe_id: int, T_map_camera: Array) -> None:
         """A new keyframe with its start value."""
         self._new_values.insert(_pose_key(keyframe_id), gtsam.Pose3(renormalized(T_map_camera)))
@@ -247,8 +274,26 @@ def sighting_factor(
     bearing, range_m = gtsam.Unit3(p_camera), float(np.linalg.norm(p_camera))
     J = np.vstack([bearing.basis().T / range_m, bearing.point3()])  # d (bearing, range) / d p_camera
     noise = gtsam.noiseModel.Gaussian.Covariance(J @ covariance @ J.T)
-    robust = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(cauchy_sigmas), noise)
-    return gtsam.BearingRangeFactor3D(pose_key, point_key, bearing, range_m, robust)
+    return gtsam.BearingRangeFactor3D(pose_key, point_key, bearing, range_m, _robust(noise, cauchy_sigmas))
+
+
+def _robust(noise: gtsam.noiseModel.Base, cauchy_sigmas: float) -> gtsam.noiseModel.Robust:
+    return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(cauchy_sigmas), noise)
+
+
+def _moved(T_map_graph: Array, values: gtsam.Values) -> gtsam.Values:
+    """The poses and points of a solution in another frame."""
+    moved, pose_map_graph = gtsam.Values(), gtsam.Pose3(renormalized(T_map_graph))
+    for key in values.keys():  # noqa: SIM118
+        if gtsam.Symbol(key).chr() == ord("x"):
+            moved.insert(key, pose_map_graph.compose(values.atPose3(key)))
+        elif gtsam.Symbol(key).chr() == ord(VELOCITY):
+            moved.insert(key, pose_map_graph.rotation().rotate(values.atPoint3(key)))
+        elif gtsam.Symbol(key).chr() == ord(BIAS):
+            moved.insert(key, values.atConstantBias(key))
+        else:
+            moved.insert(key, pose_map_graph.transformFrom(values.atPoint3(key)))
+    return moved
 
 
 def _isam_params(params: SolverParams) -> gtsam.ISAM2Params:

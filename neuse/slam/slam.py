@@ -35,12 +35,15 @@ from neuse.slam.object_frames import SigmaParams, is_usable, reduce_codes
 from neuse.slam.odometry import OdometryFix, OdometryParams
 from neuse.slam.pose_graph import SolverParams
 from neuse.slam.prediction import Predictor
+from neuse.slam.prior_map import PriorMap
 from neuse.slam.refinement import RefinementParams, Refiner
+from neuse.slam.relocalization import Place
 from neuse.slam.track import Track
 from neuse.slam.tracker import Located, ObjectTracker
 from neuse.stopwatch import Stopwatch
 
 PLACES_AT_ONCE = 100  # read from a solution by turns, beside those in sight; all when a loop was closed
+LOOSE_HOLD = np.diag([0.03**2] * 6)  # rad^2, m^2: of the pose found in a known map; its objects hold more
 Tracks = Sequence[Track | None]  # of each observation of a frame
 
 
@@ -138,6 +141,44 @@ class ObjectSlam:
             edges=tuple(edges),
             rejected_edges=self._edges.rejected - rejected_before,
         )
+
+    def near_at_hand(self, min_sightings: int, max_drift_m: float) -> list[Track]:
+        """Objects whose places are well known relative to the camera, the last seen first."""
+        return self._tracker.near_at_hand(min_sightings, max_drift_m)
+
+    def count_ids(self, first: int, step: int) -> None:
+        """New objects are called `first`, `first + step`, ... from now on."""
+        self._tracker.library.count_ids(first, step)
+
+    def join(self, prior: PriorMap, place: Place) -> dict[int, int]:
+        """Go on inside a map made by others; {id before: id in the map} of objects that both have named."""
+        named = {key: self._tracker.library.tracks[key].object_id for key in place.matches}
+        T_session_last = self._backend.latest_poses()[-1]
+        self._keyframes.T_map_camera = place.T_map_session @ self._backend.latest_poses()
+        self._predictor.correct(np.eye(4), place.T_map_session)
+        self._tracker.move(place.T_map_session)
+        A = adjoint(inverse(T_session_last))
+        self._backend.move(place.T_map_session, A @ place.covariance @ A.T + LOOSE_HOLD)
+        self._adopt(prior, place.matches)
+        self._solve(loop_closed=True)
+        return {before: place.matches[key] for key, before in named.items() if before != NO_ID}
+
+    def learn(self, prior: PriorMap) -> None:
+        """Take over what a map that has been joined has got to know since."""
+        self._adopt(prior, {})
+
+    def places(self) -> dict[int, Array]:
+        """{object id: (3,) centre, map frame} of all objects that stand somewhere."""
+        active = self._tracker.library.active()
+        return {track.object_id: track.place[0] for track in active if track.object_id != NO_ID}
+
+    def _adopt(self, prior: PriorMap, matches: Mapping[int, int]) -> None:
+        adopted = self._tracker.adopt(prior, matches)
+        entering = [track for track in adopted if not track.in_graph]
+        for track in entering:
+            track.in_graph = True
+        self._add_earlier_sightings(entering)
+        self._backend.add_known(adopted)
 
     def apply_change(self, change: ObjectChange) -> None:
         """Take the mapper's word for a change: places that an object left never match again.
@@ -252,6 +293,9 @@ class ObjectSlam:
         """What this keyframe sees, and what earlier ones saw of tracks that have just entered the graph."""
         tracks = [self._tracker.library.tracks[key] for key in record.keys.tolist()]
         self._backend.add_sightings(record, [track for track in tracks if track.in_graph])
+        self._add_earlier_sightings(entering)
+
+    def _add_earlier_sightings(self, entering: Sequence[Track]) -> None:
         for earlier in self._keyframes.records[-self.params.edges.window :]:
             self._backend.add_sightings(earlier, [track for track in entering if track.key in earlier.keys])
 

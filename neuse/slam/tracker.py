@@ -1,6 +1,6 @@
 """The front end: where is the camera, which object is each observation, which observations become objects."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +25,7 @@ from neuse.slam.library import ObjectLibrary, similarity, unlikeness
 from neuse.slam.localization import Belief, localize, to_map
 from neuse.slam.nearest import associate_nearest
 from neuse.slam.odometry import Motion
+from neuse.slam.prior_map import PriorMap
 from neuse.slam.track import LastSighting, Track, heights_of, places_of
 
 START_VARIANCE = 1e-8
@@ -98,6 +99,39 @@ class ObjectTracker:
             tracks.append(self._seen(observation, placed[:, i], last, track))
         self.library.drop(expired(self.library.tentative(), self._frame_index, self.instantiation))
         return tuple(tracks), self._confirm([track for track in tracks if track is not None])
+
+    def move(self, T_target_map: Array) -> None:
+        """The map frame becomes another: p_target = T_target_map @ p_map."""
+        self.correct(T_target_map @ self.belief.T_map_camera)
+        for track in self.library.tracks.values():
+            track.place = to_map(T_target_map, track.place[:, None])[:, 0]
+            track.last = replace(track.last, T_map_camera=T_target_map @ track.last.T_map_camera)
+
+    def near_at_hand(self, min_sightings: int, max_drift_m: float) -> list[Track]:
+        """Active tracks whose places are well known relative to the camera, the last seen first."""
+        seen = [track for track in self.library.active() if track.n_sightings >= min_sightings]
+        drifts_m = np.sqrt(self.library.table.drifts(seen, self._drift)[:, 1]) if seen else []
+        near = [track for track, drift_m in zip(seen, drifts_m, strict=True) if drift_m <= max_drift_m]
+        return sorted(near, key=lambda track: (-track.last_frame, track.key))
+
+    def adopt(self, prior: PriorMap, matches: Mapping[int, int]) -> list[Track]:
+        """Take over the objects of a map that are not known yet; the tracks that stand for them.
+
+        matches: {track key: object id} of tracks of its own that are such objects.
+        """
+        here = {track.object_id for track in self.library.active()}
+        own = {object_id: self.library.tracks[key] for key, object_id in matches.items()}
+        adopted = []
+        for i, (object_id, code) in enumerate(prior.codes.items()):
+            if object_id in own:
+                track = own[object_id]
+                track.object_id, track.confirmed = object_id, True
+                adopted.append(track)
+            elif object_id not in here:
+                frames = prior.frames[[i]]
+                last = LastSighting(frames, code.center, np.eye(4))
+                adopted.append(self.library.adopt(object_id, code, frames.vectors[:, 0], last, self._drift))
+        return adopted
 
     def enter_graph(self, seen: Sequence[Track]) -> list[Track]:
         """Those tracks of a keyframe that have now been seen often enough to constrain keyframes."""

@@ -1,0 +1,135 @@
+"""A session that joins a map: it waits until it has found its place there, and then tells all it has seen.
+
+Until then it runs in its own frame, and its frames are held back. Once the place is certain, the whole
+session moves into the map, objects that the map knows take the map's ids, and the frames go out as if they
+had been in the map from the start. So nobody downstream ever meets two frames of reference.
+"""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+
+from neuse.geometry import Array
+from neuse.params import CheckedParams, param
+from neuse.records import NO_ID, Edge, TrackedFrame, TrackedObservation
+from neuse.slam.prior_map import PriorMap
+from neuse.slam.relocalization import RelocalizationParams, Relocalizer
+from neuse.slam.slam import ObjectSlam
+
+SAME_PLACE_M = 0.3  # an object further from where the map has it is not where the map has it
+
+
+@dataclass(frozen=True)
+class JoiningParams(CheckedParams):
+    """How a session joins a map."""
+
+    wait_for_map: bool = param(
+        False, "wait for a map even before one is heard of; false: the first frame begins a map"
+    )
+    max_held_frames: int = param(
+        3000, "frames that are held back until the map is joined; beyond it the oldest goes", 1, 1000000
+    )
+    session: int = param(0, "number of this session among those that share one mapper", 0, 1000)
+    sessions: int = param(1, "how many sessions share one mapper; each names objects in turn", 1, 1000)
+    relocalization: RelocalizationParams = field(default_factory=RelocalizationParams)
+
+
+class Joiner:
+    """Stands between a session's SLAM and whoever hears its frames.
+
+    is_waiting: there is a map, and the session has not yet found its place in it.
+    """
+
+    def __init__(self, slam: ObjectSlam, params: JoiningParams | None = None) -> None:
+        self.params = params or JoiningParams()
+        self._slam = slam
+        self._relocalizer = Relocalizer(self.params.relocalization)
+        self._prior: PriorMap | None = None
+        self._held: deque[TrackedFrame] = deque(maxlen=self.params.max_held_frames)
+        self.begin()
+
+    @property
+    def n_held(self) -> int:
+        """How many frames wait."""
+        return len(self._held)
+
+    def begin(self) -> None:
+        """The session begins anew, in the last map that was offered if there is one."""
+        self._slam.reset()
+        self._held.clear()
+        self._relocalizer.forget()
+        self.is_waiting = bool(self._prior) or self.params.wait_for_map
+        self._count_ids(self._prior.next_id if self._prior else 0)
+
+    def offer(self, prior: PriorMap) -> None:
+        """There is a map to join, or there is none any more.
+
+        A session that is in it already learns what is new in it; any other begins anew.
+        """
+        self._prior = prior if len(prior) else None
+        if self._prior is None:
+            if self.is_waiting and not self.params.wait_for_map:
+                self.begin()
+        elif self.is_waiting:
+            if not self._slam.places().keys().isdisjoint(prior.codes):
+                self.begin()
+        elif self._is_inside(prior):
+            self._slam.learn(prior)
+        else:
+            self.begin()
+
+    def follow(self, frame: TrackedFrame) -> list[TrackedFrame]:
+        """Take in the frame that SLAM has just made; the frames that may go out now, in order."""
+        if not self.is_waiting:
+            return [frame]
+        self._held.append(frame)
+        if self._prior is None:
+            return []
+        params = self.params.relocalization
+        tracks = self._slam.near_at_hand(params.min_sightings, params.max_drift_m)
+        place = self._relocalizer.look(tracks, self._prior, frame.T_map_camera)
+        if place is None:
+            return []
+        renamed = self._slam.join(self._prior, place)
+        self.is_waiting = False
+        out = [moved(held, place.T_map_session, renamed) for held in self._held]
+        self._held.clear()
+        return [*out[:-1], replace(out[-1], loop_closed=True)]
+
+    def _is_inside(self, prior: PriorMap) -> bool:
+        """Whether the session's objects are those of the map: most of the same name stand in one place."""
+        places, centers = self._slam.places(), dict(zip(prior.ids, prior.centers, strict=True))
+        shared = places.keys() & centers.keys()
+        n_there = sum(bool(np.linalg.norm(places[i] - centers[i]) <= SAME_PLACE_M) for i in shared)
+        return 2 * n_there > len(shared)
+
+    def _count_ids(self, used: int) -> None:
+        """Names that no object of the map and no other session has."""
+        params = self.params
+        first = used + (params.session - used) % params.sessions
+        self._slam.count_ids(first, params.sessions)
+
+
+def moved(frame: TrackedFrame, T_map_session: Array, renamed: Mapping[int, int]) -> TrackedFrame:
+    """A frame of a session in the map that the session has joined."""
+    return replace(
+        frame,
+        T_map_camera=T_map_session @ frame.T_map_camera,
+        observations=tuple(_renamed(tracked, renamed) for tracked in frame.observations),
+        edges=tuple(_renamed_edge(edge, renamed) for edge in frame.edges),
+    )
+
+
+def _renamed(tracked: TrackedObservation, renamed: Mapping[int, int]) -> TrackedObservation:
+    similar = dict.fromkeys(renamed.get(i, i) for i in tracked.similar_ids)
+    object_id = renamed.get(tracked.object_id, tracked.object_id)
+    if tracked.object_id != NO_ID:
+        similar.pop(object_id, None)
+    return replace(tracked, object_id=object_id, similar_ids=tuple(similar))
+
+
+def _renamed_edge(edge: Edge, renamed: Mapping[int, int]) -> Edge:
+    return replace(edge, object_ids=tuple(renamed.get(i, i) for i in edge.object_ids))

@@ -1,0 +1,63 @@
+"""A map that a session did not make, from an earlier run or of another robot: known objects at known places.
+
+Codes are all that is needed of it. Its frame is `map`; a session that is to join it begins in a frame of its
+own, `session`.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from neuse.embedding.code import Code
+from neuse.geometry import Array
+from neuse.records import ObjectMap, ObjectStatus
+from neuse.slam.object_frames import ObjectFrames, SigmaParams, is_usable, reduce_codes
+
+
+@dataclass(frozen=True)
+class PriorMap:
+    """Objects that are there as far as the map knows. codes: by object id, frame `map`, averages of many
+    views.
+
+    next_id: larger than all ids that the map has ever shown, those of objects long gone among them.
+    """
+
+    codes: Mapping[int, Code]
+    next_id: int
+
+    @classmethod
+    def of(cls, object_map: ObjectMap) -> "PriorMap":
+        """What a map tells a session that comes to it; codes that are none are left out."""
+        present = {
+            known.object_id: known.code
+            for known in object_map.objects
+            if known.status != ObjectStatus.REMOVED and is_usable(known.code)
+        }
+        return cls(present, 1 + max((known.object_id for known in object_map.objects), default=-1))
+
+    def __len__(self) -> int:
+        return len(self.codes)
+
+    @cached_property
+    def ids(self) -> tuple[int, ...]:
+        """Object ids, in the order of `frames` and `centers`."""
+        return tuple(self.codes)
+
+    @cached_property
+    def frames(self) -> ObjectFrames:
+        """Poses of the objects, frame `map`."""
+        return reduce_codes(list(self.codes.values()), SigmaParams(scale=1.0))
+
+    @property
+    def centers(self) -> Array:
+        """(m, 3) centres, metres, frame `map`."""
+        return self.frames.centers
+
+    def neighbours(self, radius_m: float) -> float:
+        """How many others there are within a radius of an object, on average."""
+        if len(self) < 2:
+            return 0.0
+        between_m = np.linalg.norm(self.centers[:, None] - self.centers[None], axis=-1)
+        return float((between_m <= radius_m).sum(axis=1).mean() - 1.0)
