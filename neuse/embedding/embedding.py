@@ -12,13 +12,12 @@ from numpy.typing import ArrayLike
 
 from neuse.embedding.code import Code
 from neuse.embedding.encoder import Encoding
-from neuse.embedding.network import UNIT_M, Network, load_network
+from neuse.embedding.network import MIN_POINTS, UNIT_M, Network, load_network
 from neuse.embedding.reconstruction import reconstruct
 from neuse.errors import InputError, WeightsError
 from neuse.geometry import Array
 
 WEIGHTS = Path(__file__).parent.parent / "weights"
-MIN_POINTS = 8
 SIGMA_UNITS = np.array([1.0] * 3 + [UNIT_M] * 4)  # of an Encoding's: rad, network units
 SIGMA_FLOOR = np.array([1e-3] * 3 + [2e-4] * 4)  # rad, m
 

@@ -18,6 +18,9 @@ from neuse.symmetry import AXIAL, NONE, Symmetry, symmetry_named
 
 FORMAT_VERSION = "2"
 UNIT_M = 0.1  # network units are decimetres
+MIN_POINTS = 8  # of a cloud
+MOST_OF_A_SIZE = 8192
+LIMIT_BYTES = 2**30  # the paper's networks have 20 MB
 
 
 class Architecture(NamedTuple):
@@ -110,6 +113,8 @@ def load_network(path: Path, category: str | None = None) -> Network:
     if metadata.get("format_version") != FORMAT_VERSION:
         found = metadata.get("format_version")
         raise WeightsError(f"{path} has format version {found!r}, this library reads {FORMAT_VERSION!r}")
+    if not metadata.get("category", "-"):
+        raise WeightsError(f"{path} names no category")
     network = _rebuild(path, metadata, tensors)
     if category is not None and network.category != category:
         raise WeightsError(f"{path} holds category {network.category!r}, not {category!r}")
@@ -122,11 +127,16 @@ def read_card(path: Path) -> dict[str, Any]:
     Raises:
         WeightsError: missing or damaged.
     """
-    return json.loads(_read(path)[0].get("card", "{}"))
+    try:
+        return dict(json.loads(_read(path)[0].get("card", "{}")))
+    except (ValueError, TypeError, RecursionError) as error:
+        raise WeightsError(f"the card of weights {path} is none: {error}") from error
 
 
 def _read(path: Path) -> tuple[dict[str, str], dict[str, Tensor]]:
     """Metadata and tensors of a safetensors file."""
+    if path.is_file() and path.stat().st_size > LIMIT_BYTES:
+        raise WeightsError(f"{path} has {path.stat().st_size / 1e9:.3g} GB; no weights of this library have")
     try:
         with safetensors.safe_open(path, "pt") as file:
             return file.metadata() or {}, {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
@@ -141,6 +151,10 @@ def _rebuild(path: Path, metadata: dict[str, str], tensors: dict[str, Tensor]) -
         raise WeightsError(f"weights {path} are of architecture {architecture!r}; known: {known}")
     try:
         config = ARCHITECTURES[architecture].config(**json.loads(metadata["config"]))
+        _check_sizes(config, tensors)
+        with torch.device("meta"):  # takes no memory
+            planned = Network(metadata["category"], _symmetry(metadata), config)
+        planned.load_state_dict(tensors, assign=True)  # raises where a shape is another
         network = Network(metadata["category"], _symmetry(metadata), config)
         network.load_state_dict(tensors)
     except (KeyError, TypeError, ValueError, RuntimeError, InputError) as error:
@@ -149,6 +163,17 @@ def _rebuild(path: Path, metadata: dict[str, str], tensors: dict[str, Tensor]) -
         if not tensor.isfinite().all():
             raise WeightsError(f"weights {path} hold numbers in {name} that are not finite")
     return network
+
+
+def _check_sizes(config: EncoderConfig | PaperEncoderConfig, tensors: dict[str, Tensor]) -> None:
+    """Raises ValueError for sizes that no network has, or more blocks than there are tensors."""
+    for name, size in dataclasses.asdict(config).items():
+        if type(size) is not int or not 0 < size <= MOST_OF_A_SIZE:
+            raise ValueError(f"{name} is {str(size)[:50]}")
+    if config.n_blocks > len(tensors):
+        raise ValueError(f"{config.n_blocks} blocks of {len(tensors)} tensors")
+    if config.n_points < MIN_POINTS or config.n_anchors > config.n_points:
+        raise ValueError(f"{config.n_anchors} anchors of {config.n_points} points")
 
 
 def _symmetry(metadata: dict[str, str]) -> Symmetry:

@@ -23,7 +23,8 @@ from neuse_msgs.msg import InstanceArray, ObjectObservation, ObjectObservationAr
 from neuse_msgs.msg import Intrinsics as IntrinsicsMsg
 from neuse_msgs.msg import Rejection as RejectionMsg
 
-FARTHEST_M = 1e4
+FARTHEST_M = 1e4  # of a point from the camera
+MOST_OBSERVATIONS = 250  # of a frame
 
 
 def stamp_from_msg(stamp: Time) -> int:
@@ -167,8 +168,10 @@ def observed_frame_from_msg(message: ObjectObservationArray) -> ObservedFrame:
     """All objects of one frame.
 
     Raises:
-        InputError: an array of wrong length inside.
+        InputError: `too_many`, or whatever is wrong with an observation, the camera or the depth.
     """
+    if len(message.observations) > MOST_OBSERVATIONS:
+        raise InputError("too_many", f"frame has {len(message.observations)} observations; raise min_score")
     return ObservedFrame(
         stamp_ns=stamp_from_msg(message.header.stamp),
         observations=tuple(observation_from_msg(item) for item in message.observations),

@@ -1,5 +1,6 @@
 import json
 import pickle
+import resource
 
 import pytest
 import safetensors
@@ -126,6 +127,49 @@ def test_config_that_does_not_describe_the_tensors_is_refused(path, config):
 def test_tensors_that_do_not_fit_are_refused(path, change):
     rewrite(path, change_tensors=change)
     with pytest.raises(WeightsError, match="do not fit"):
+        load_network(path)
+
+
+@pytest.mark.parametrize(
+    "size",
+    [
+        {"n_latent": 10**9},
+        {"width": 10**12},
+        {"width": 8000},
+        {"n_blocks": 8000},
+        {"n_points": None},
+        {"n_points": 2},
+        {"n_anchors": 1000},
+        {"n_weights": -4},
+        {"width": 16.0},
+    ],
+    ids=str,
+)
+def test_size_that_no_network_has_is_refused_before_memory_is_taken(path, size):
+    rewrite(path, lambda metadata: metadata.update(config=json.dumps(vars(CONFIG) | size)))
+    before_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(WeightsError, match="do not fit"):
+        load_network(path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kib < 100_000
+
+
+def test_file_of_absurd_size_is_refused(path):
+    with path.open("r+b") as stream:
+        stream.truncate(5 * 2**30)  # a hole takes no disk
+    with pytest.raises(WeightsError, match=r"has 5\.37 GB"):
+        load_network(path)
+
+
+@pytest.mark.parametrize("card", ["[", "3", "[" * 100_000])
+def test_card_that_is_none_is_refused(path, card):
+    rewrite(path, lambda metadata: metadata.update(card=card))
+    with pytest.raises(WeightsError, match="card"):
+        read_card(path)
+
+
+def test_weights_without_a_name_are_refused(path):
+    rewrite(path, lambda metadata: metadata.update(category=""))
+    with pytest.raises(WeightsError, match="names no category"):
         load_network(path)
 
 

@@ -233,6 +233,13 @@ def test_stamp_that_is_no_time_is_refused(sec: int, nanosec: int):
     assert refused.value.reason == "stamp"
 
 
+def test_frame_of_more_objects_than_can_be_told_apart_in_time_is_refused():
+    message = encoder.observed_frame_to_msg(samples.observed_frame(), "camera")
+    message.observations = message.observations * 200
+    with pytest.raises(InputError, match="400 observations"):
+        encoder.observed_frame_from_msg(message)
+
+
 @pytest.mark.parametrize(("name", "value"), [("fx", 0.0), ("cy", float("nan")), ("width", 0)])
 def test_camera_that_is_none_is_refused(name: str, value: float):
     message = encoder.intrinsics_to_msg(samples.INTRINSICS)
