@@ -4,6 +4,7 @@ import io
 import math
 import zipfile
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
 
@@ -38,7 +39,10 @@ def _read_array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray
     stream = io.BytesIO(archive.read(member))
     first = np.lib.format.read_magic(stream) == (1, 0)
     read_header = np.lib.format.read_array_header_1_0 if first else np.lib.format.read_array_header_2_0
-    shape, fortran_order, dtype = read_header(stream)
+    try:
+        shape, fortran_order, dtype = read_header(stream)
+    except TokenError as error:  # of a header that is no Python literal, which numpy lets out
+        raise ValueError(f"{member.filename}: {error}") from error
     data = stream.read()
     if dtype.hasobject or min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != len(data):
         raise ValueError(f"{member.filename} has {len(data)} bytes for {dtype} of shape {shape}")

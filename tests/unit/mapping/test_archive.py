@@ -39,6 +39,12 @@ def test_shape_that_does_not_fit_the_data_is_refused(tmp_path, shape):
         read_arrays(archive(tmp_path / "a.npz", member(shape=shape)))
 
 
+def test_header_that_is_no_literal_is_refused(tmp_path):
+    data = member().replace(b"'descr': '", b"'descr'{ '")
+    with pytest.raises(ValueError, match=r"array\.npy"):
+        read_arrays(archive(tmp_path / "a.npz", data))
+
+
 def test_pickled_objects_are_refused(tmp_path):
     np.savez(tmp_path / "a.npz", evil=np.array([{"a": 1}], dtype=object))
     with pytest.raises(ValueError, match="for object"):
