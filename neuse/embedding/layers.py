@@ -21,6 +21,8 @@ class VNLinear(nn.Module):
         self.weight = nn.Parameter(torch.randn(n_out, n_in) * gain * n_in**-0.5)
 
     def forward(self, v: Tensor) -> Tensor:
+        if not torch.is_autocast_enabled(v.device.type):  # to switch it off takes longer than the product
+            return F.linear(v, self.weight)  # (..., 3, C_out)
         with torch.autocast(v.device.type, enabled=False):
             return F.linear(v.float(), self.weight)  # (..., 3, C_out)
 
