@@ -49,7 +49,7 @@ def surveyed(world: CodeWorld) -> ObjectTracker:
         last = LastSighting(frames, code.center, np.eye(4))
         drift = (index - len(world)) * DRIFT_AN_OBJECT  # the clock reads 0 now
         track = tracker.library.add(code, frames.vectors[:, 0], last, drift, 0)
-        track.last_frame = -10_000
+        track.last_frame = track.last_sure = -10_000
         track.n_sightings = track.n_eligible = 10
         track.anchored = track.in_graph = True
         tracker.library.confirm(track)

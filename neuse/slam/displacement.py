@@ -14,9 +14,7 @@ from neuse.slam.association import AssociationParams
 from neuse.slam.layout import View
 from neuse.slam.library import alike_in_place
 from neuse.slam.localization import to_camera
-from neuse.slam.track import Track, places_of, shape_noise
-
-CLEAR_SHAPE_NOISE = 0.02  # 1 - cosine to be expected of a view that may contradict
+from neuse.slam.track import CLEAR_SHAPE_NOISE, Track, places_of, shape_noise
 
 
 class DisplacementWatch:

@@ -9,7 +9,7 @@ import numpy as np
 from neuse.embedding.code import Code
 from neuse.geometry import Array
 from neuse.records import NO_ID
-from neuse.slam.track import MEMORY, LastSighting, Track, shape_noise
+from neuse.slam.track import CLEAR_SHAPE_NOISE, MEMORY, LastSighting, Track, shape_noise
 from neuse.slam.track_table import TrackTable
 
 LONG_AGO = -1_000_000  # a frame before all others
@@ -58,6 +58,7 @@ class ObjectLibrary:
             frame_index,
         )
         track.shape_weight = 1.0 / shape_noise(code)
+        track.seen_clearly, track.last_sure = shape_noise(code) <= CLEAR_SHAPE_NOISE, frame_index
         track.place_weights = 1.0 / last.frames.variances[:, 0]
         track.measure(last.frames)
         self.tracks[track.key] = track
@@ -161,8 +162,8 @@ def alike_in_place(
 ) -> np.ndarray:
     """(n, m) bool, whether these may be the others by their shapes, standing where those stand.
 
-    What was seen there a moment before this frame is hardly another object now, only half hidden: it may look
-    more unlike.
+    What was seen for sure there a moment before this frame is hardly another object now, only half hidden: it
+    may look more unlike.
     """
-    recent = np.array([frame_index - track.last_frame <= RECENT_FRAMES for track in others], dtype=bool)
+    recent = np.array([frame_index - track.last_sure <= RECENT_FRAMES for track in others], dtype=bool)
     return unlikeness(some, others) <= np.where(recent, RECENT_FACTOR, 1.0) * max_unlikeness

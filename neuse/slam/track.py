@@ -15,6 +15,8 @@ MEMORY = 20  # sightings after which the averages of descriptors and places forg
 SHAPE_NOISE_M = 0.03  # a centre known no better than this goes with a descriptor that says nothing
 SHAPE_NOISE = (0.004, 0.05)  # 1 - cosine to be expected of a perfect view, and of one that says nothing
 AVERAGED_SHAPE_NOISE = 0.002  # of many views
+CLEAR_SHAPE_NOISE = 0.01  # of a view that may contradict, or show that an object still is the same
+SURE_UNLIKENESS = 4.0  # of one in ten views of the same object
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ class Track:
         shape_weight: information in these and in the descriptor.    half_height: metres, and height_weight.
     mapped_at, seen_at: (2,) reading of the drift clock (rad^2, m^2) when it was met first and last.
     anchored: the graph says where it stands.
+    last_sure: last frame that showed clearly that it is still the same; any, until it has been seen clearly.
     periods: keyframes of every period of sight, the first and then one every so often.
     changed: whatever is set, the track notes itself here, since the library keeps it in a table as well.
     """
@@ -61,6 +64,8 @@ class Track:
     half_height: float = 0.0
     height_weight: float = 0.0
     anchored: bool = False
+    seen_clearly: bool = False
+    last_sure: int = 0
     last_keyframe: int = NO_ID
     periods: list[list[int]] = field(default_factory=list)
 
@@ -76,6 +81,7 @@ class Track:
     def see(self, code: Code, place: Array, last: LastSighting, drift: Array, frame_index: int) -> None:
         """Take in one more sighting; the place of an anchored object is the graph's business."""
         self.n_sightings += 1
+        self._ensure(code, frame_index)
         self.shape_weight = _remembered(self.shape_weight) + 1.0 / shape_noise(code)
         mean = self.descriptor + (code.descriptor - self.descriptor) / (shape_noise(code) * self.shape_weight)
         self.descriptor = mean / np.linalg.norm(mean)
@@ -86,6 +92,14 @@ class Track:
             self.place = orthonormal_places((self.place + share[:, None] * (place - self.place))[None])[0]
         self.measure(last.frames)
         self.last, self.seen_at, self.last_frame = last, drift, frame_index
+
+    def _ensure(self, code: Code, frame_index: int) -> None:
+        noise = shape_noise(code)
+        is_clear = noise <= CLEAR_SHAPE_NOISE
+        unlikeness = (1.0 - self.descriptor @ code.descriptor) / (noise + self.shape_noise)
+        if not self.seen_clearly or (is_clear and unlikeness <= SURE_UNLIKENESS):
+            self.last_sure = frame_index
+        self.seen_clearly |= is_clear
 
     def measure(self, frames: ObjectFrames) -> None:
         """Take in the height that one sighting shows, (1,) frames."""

@@ -112,8 +112,8 @@ def test_unlikeness_counts_the_noise_of_both_and_tells_categories_apart(scene):
 def test_what_was_seen_a_moment_ago_may_look_more_unlike(scene):
     codes = view_of(scene.things).codes[:1]
     limit = unlikeness(codes, scene.tracks)[0, 2]
-    for last_frame, alike in ((100, True), (60, False)):
-        scene.tracks[2].last_frame = last_frame
+    for last_sure, alike in ((100, True), (60, False)):
+        scene.tracks[2].last_sure = last_sure
         assert alike_in_place(codes, scene.tracks, limit / 2, frame_index=101)[0, 2] == alike
 
 
@@ -182,3 +182,23 @@ def test_tracks_of_the_graph_come_by_turns_and_some_always(scene):
     assert chosen == [[0, 2], [1, 2], [2], [0, 2]]
     scene.tracks[2].retired = True
     assert [track.key for track in scene.library.by_turns([2], 10)] == [0, 1]
+
+
+def test_only_clear_views_of_the_same_shape_make_sure_that_an_object_is_still_the_same(scene):
+    track, codes = scene.tracks[0], view_of(scene.things).codes
+    own = replace(codes[0], sigmas=np.full(6, 0.001))
+    other = replace(own, descriptor=codes[2].descriptor)
+    poor = replace(own, sigmas=np.full(6, 0.05))
+    for frame_index, code, last_sure in ((5, own, 5), (6, poor, 5), (7, other, 5), (8, own, 8)):
+        track.see(code, track.place, track.last, np.zeros(2), frame_index)
+        assert track.last_sure == last_sure
+        track.descriptor = own.descriptor
+
+
+def test_object_never_seen_clearly_may_look_unlike_as_long_as_it_is_seen(scene):
+    poor = replace(view_of(scene.things).codes[0], sigmas=np.full(6, 0.05))
+    library = ObjectLibrary()
+    known = scene.tracks[0]
+    track = library.add(poor, known.place, known.last, np.zeros(2), 3)
+    track.see(poor, known.place, known.last, np.zeros(2), 9)
+    assert (track.last_sure, track.seen_clearly) == (9, False)
