@@ -1,6 +1,6 @@
 """What is an object that the tracker has just instantiated: one known already, a discovery, or a change?"""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -83,12 +83,14 @@ class Judge:
         if len(views) < self._params.min_views:
             return Verdict(Origin.OPEN)
         displaced = []
-        for known in self._neighbours(newcomer):
+        for known in self._neighbours(newcomer, [k for k in self._library if k.is_present]):
             if self._is_duplicate(newcomer, known, views):
                 return Verdict(Origin.DUPLICATE, duplicate_of=known.object_id)
             if self._has_displaced(newcomer, known, views):
                 displaced.append(known.object_id)
-        if displaced or self._was_free(newcomer, views):
+        gone = self._neighbours(newcomer, self._library.left)
+        follows = displaced or any(self._has_displaced(newcomer, known, views) for known in gone)
+        if follows or self._was_free(newcomer, views):
             return Verdict(Origin.CHANGE, displaced=tuple(displaced))
         enough = len(newcomer.views) >= self._params.discovery_views
         return Verdict(Origin.DISCOVERY if enough else Origin.OPEN)
@@ -122,15 +124,15 @@ class Judge:
         alike = later.similarity(older) >= self._params.similarity_min
         return bool(distance_m <= self._params.same_place_m) and alike
 
-    def _neighbours(self, newcomer: ObjectRecord) -> list[ObjectRecord]:
+    def _neighbours(self, newcomer: ObjectRecord, among: Iterable[ObjectRecord]) -> list[ObjectRecord]:
         """Older objects whose box may touch the newcomer's, nearest first."""
         near = []
-        for known in self._library:
+        for known in among:
             distance_m = float(np.linalg.norm(known.rough_center - newcomer.center))
-            older = known.is_present and known.since_tick < newcomer.since_tick
+            older = known.since_tick < newcomer.since_tick
             if older and distance_m <= _NEIGHBOUR_M and distance_m <= known.reach_m + newcomer.reach_m:
-                near.append((distance_m, known.object_id))
-        return [self._library.records[object_id] for _, object_id in sorted(near)]
+                near.append((distance_m, known.object_id, known))
+        return [known for *_, known in sorted(near, key=lambda entry: entry[:2])]
 
     def _is_duplicate(
         self, newcomer: ObjectRecord, known: ObjectRecord, views: Sequence[AnchoredView]

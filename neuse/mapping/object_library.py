@@ -181,6 +181,7 @@ class ObjectLibrary:
 
     def __init__(self) -> None:
         self.records: dict[int, ObjectRecord] = {}
+        self.left: list[ObjectRecord] = []  # objects that have moved, as they were at the places they left
         self.aliases: dict[int, int] = {}
 
     def __iter__(self) -> Iterator[ObjectRecord]:
@@ -208,6 +209,7 @@ class ObjectLibrary:
     def move(self, object_id: int, newcomer_id: int) -> None:
         """The newcomer is this object at a new place: it takes over the newcomer's views there."""
         moved, newcomer = self.records[object_id], self.records[newcomer_id]
+        self.left.append(replace(moved))
         self.merge(newcomer_id, object_id)
         moved.views, moved.since_tick = newcomer.views, newcomer.since_tick
         moved.status = ObjectStatus.MOVED
@@ -215,7 +217,7 @@ class ObjectLibrary:
 
     def invalidate(self, keyframe_ids: set[int]) -> None:
         """These keyframes moved: whatever hangs on them is averaged anew when next asked for."""
-        for record in self:
+        for record in (*self, *self.left):
             if not keyframe_ids.isdisjoint(record.views):
                 record.invalidate()
 

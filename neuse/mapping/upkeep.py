@@ -22,6 +22,9 @@ class UpkeepParams(CheckedParams):
     displacing_overlap: float = param(
         0.2, "a changed object of which this share lies in an older one has taken its place", 0.0, 1.0
     )
+    swallowing_overlap: float = param(
+        0.5, "a changed object that fills this share of an older one has taken its place", 0.0, 1.0
+    )
 
 
 def overlap(box: Box, other: Box) -> float:
@@ -40,7 +43,9 @@ def is_residual(box: Box, other: Box, params: UpkeepParams) -> bool:
 
 def is_displaced(older: Box, changed: Box, params: UpkeepParams) -> bool:
     """The changed object stands where the older one was, which must therefore be gone (appendix, rule 2)."""
-    return overlap(changed, older) >= params.displacing_overlap
+    if overlap(changed, older) >= params.displacing_overlap:
+        return True
+    return overlap(older, changed) >= params.swallowing_overlap
 
 
 @cache

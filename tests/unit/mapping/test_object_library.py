@@ -188,3 +188,17 @@ def test_objects_of_different_categories_are_never_similar():
     assert mug.similarity(other) == pytest.approx(1.0)
     other.category = "bottle"
     assert mug.similarity(other) == -1.0
+
+
+def test_place_that_an_object_left_stays_known_and_follows_its_keyframes():
+    library = ObjectLibrary()
+    here, there = record(1, poses(2), since_tick=1, last_tick=5), record(2, poses(2, seed=5), last_tick=12)
+    views, center = here.views, here.center
+    library.records = {1: here, 2: there}
+    library.move(1, 2)
+    (left,) = library.left
+    assert (left.views, left.last_tick) == (views, 5)
+    np.testing.assert_allclose(left.center, center)
+    left.poses = {NO_ID: np.eye(4)} | dict(enumerate(geometry.exp([0, 0, 0, 1, 0, 0]) @ poses(2)))
+    library.invalidate({0})
+    np.testing.assert_allclose(left.center - center, [1, 0, 0], atol=1e-9)

@@ -43,3 +43,11 @@ def test_small_box_that_sticks_out_by_a_tenth_is_no_residual():
 @pytest.mark.parametrize(("shift", "displaced"), [(0.07, True), (0.09, False)])
 def test_older_object_is_displaced_from_a_fifth_of_overlap(shift, displaced):
     assert is_displaced(box(), box(shift), PARAMS) is displaced
+
+
+def test_tall_object_that_swallows_a_small_one_displaces_it():
+    """Little of the tall one lies in the small one's box, but that box is full."""
+    small = box(size=(0.08, 0.08, 0.08))
+    tall = Box(make_transform(np.eye(3), [0.01, 0.0, 0.2]), np.array([0.09, 0.09, 0.48]))
+    assert overlap(tall, small) < PARAMS.displacing_overlap
+    assert is_displaced(small, tall, PARAMS)
