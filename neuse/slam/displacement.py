@@ -9,11 +9,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from neuse.embedding.code import Code
 from neuse.geometry import Array
 from neuse.slam.association import AssociationParams
 from neuse.slam.layout import View
 from neuse.slam.library import alike_in_place
-from neuse.slam.localization import to_camera
+from neuse.slam.localization import to_map
 from neuse.slam.track import CLEAR_SHAPE_NOISE, Track, places_of, shape_noise
 
 
@@ -38,25 +39,28 @@ class DisplacementWatch:
             if (track := matched[i]) is not None:
                 self._contradictions.pop(track.key, None)
         missing = [t for t in tracks if t.confirmed and t not in matched]
-        free = [i for i in clear if matched[i] is None]
-        taken = self._taken(view, free, missing, T_map_camera, frame_index)
+        if not clear or not missing:
+            return []
+        standing = _standing(view, matched, clear, T_map_camera)
+        codes = [view.codes[i] for i in clear]
+        taken = self._taken(codes, standing, missing, frame_index)
         self._contradictions.update(track.key for track in taken)
         return [track for track in taken if self._contradictions[track.key] >= self._enough]
 
     def _taken(
-        self,
-        view: View,
-        free: Sequence[int],
-        missing: Sequence[Track],
-        T_map_camera: Array,
-        frame_index: int,
+        self, codes: Sequence[Code], standing: Array, missing: Sequence[Track], frame_index: int
     ) -> list[Track]:
-        """Tracks in whose places these observations show something else."""
-        if not free or not missing:
-            return []
-        seen = to_camera(T_map_camera, places_of(missing))[0]
-        offsets_m = np.linalg.norm(view.frames.centers[free][:, None] - seen[None], axis=-1)
-        codes = [view.codes[i] for i in free]
+        """Tracks in whose places something stands that looks otherwise."""
+        offsets_m = np.linalg.norm(standing[:, None] - places_of(missing)[0][None], axis=-1)
         alike = alike_in_place(codes, missing, self._params.max_unlikeness, frame_index)
         taken = (~alike & (offsets_m <= self._params.delta_prox_m)).any(axis=0)
         return [track for track, is_taken in zip(missing, taken, strict=True) if is_taken]
+
+
+def _standing(
+    view: View, matched: Sequence[Track | None], chosen: Sequence[int], T_map_camera: Array
+) -> Array:
+    """(n, 3) where chosen observations stand in the map; matched ones, however drift shows them, by track."""
+    seen = to_map(T_map_camera, view.frames.vectors)[0]
+    known = [(matched[i], seen[i]) for i in chosen]
+    return np.array([center if track is None else track.place[0] for track, center in known])

@@ -87,3 +87,18 @@ def test_what_was_seen_a_moment_ago_may_look_more_unlike_however_old_the_rest_is
     view = clear_view_of([replace(other, descriptor=descriptor)])
     for frame_index, displaced in ((10, []), (600, [scene.tracks[0]])):
         assert [look(watch, scene, view, frame_index=frame_index) for _ in range(3)][-1] == displaced
+
+
+def test_object_in_whose_place_another_has_been_taken_into_the_library_has_left(watch, scene, other):
+    """Both have a track there; whatever is seen there matches the newer one."""
+    newer = scene_of([other]).tracks[0]
+    newer.key = 9
+    for _ in range(3):
+        displaced = look(watch, scene, clear_view_of([other]), (newer,))
+    assert displaced == [scene.tracks[0]]
+
+
+def test_neighbour_that_drift_shows_in_a_place_displaces_nothing(watch, scene):
+    neighbour = replace(scene.things[1], T_world_object=scene.things[0].T_world_object)
+    for _ in range(5):
+        assert look(watch, scene, clear_view_of([neighbour]), (scene.tracks[1],)) == []
