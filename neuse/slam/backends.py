@@ -1,6 +1,6 @@
 """What is put into the graph: objects as landmarks, or the paper's edges between cameras (NeuSE IV-C)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -12,7 +12,7 @@ from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.object_frames import LEAST_SHARE, ObjectFrames, frames_at
 from neuse.slam.odometry import NANOSECONDS
 from neuse.slam.pose_graph import PoseGraph, SlidingWindow, SolverParams
-from neuse.slam.track import Track, heights_of, orthonormal_places, places_of
+from neuse.slam.track import Track, heights_of, orthonormal_places, places_of, sigmas_of
 
 LEVER_M = 0.3  # where a handle becomes a point: so far out that its noise is that of the direction
 LOOSE_RAD = 1.0  # along directions in which a point on the lever says nothing
@@ -88,7 +88,8 @@ class _Base:
 
 
 class LandmarkBackend(_Base):
-    """Objects are points of the graph: top, bottom, and one out along the handle if it has one.
+    """Objects are points of the graph: top, bottom, and one out along the handle if it has one; one point
+    alone, the centre, of those that tell no axis.
 
     Edges of odometry and smooth motions tie the keyframes; edges from codes are not used, since sightings
     say the same without the errors that all edges of one frame share.
@@ -118,18 +119,19 @@ class LandmarkBackend(_Base):
             i = index[track.key]
             points, covariances = landmark_points(record.frames, i)
             center, axis, handle = track.place
-            half = _half_height(track.half_height) * axis
+            half = _half_height(track.half_height) * axis * record.frames.tell_axes[i]
             starts = center + half, center - half, center + LEVER_M * handle
-            for part in range(2 if _handle_hidden(record.frames, i) else 3):
+            for part in range(_n_points(record.frames, i)):
                 seen = points[part], covariances[part], starts[part]
                 self.graph.add_sighting(record.keyframe_id, 3 * track.key + part, *seen, loose=part == HANDLE)
 
     def add_known(self, tracks: Sequence[Track]) -> None:
         ambiguous = np.array([track.ambiguous for track in tracks], dtype=bool)
-        frames = frames_at(places_of(tracks), KNOWN_SIGMAS, ambiguous, heights_of(tracks)[0])
+        sigmas = sigmas_of(tracks, KNOWN_SIGMAS)
+        frames = frames_at(places_of(tracks), sigmas, ambiguous, heights_of(tracks)[0])
         for i, track in enumerate(tracks):
             points, covariances = landmark_points(frames, i)
-            for part in range(2 if track.ambiguous else 3):
+            for part in range(_n_points(frames, i)):
                 self.graph.add_known_point(3 * track.key + part, points[part], covariances[part])
 
     def solve(self, loop_closed: bool) -> Array:
@@ -146,14 +148,7 @@ class LandmarkBackend(_Base):
         known = [track for track in tracks if 3 * track.key + TOP in points]
         if not known:
             return
-        tops = np.array([points[3 * track.key + TOP] for track in known])
-        bottoms = np.array([points[3 * track.key + BOTTOM] for track in known])
-        centers = (tops + bottoms) / 2
-        handles = [
-            points.get(3 * track.key + HANDLE, center + track.place[2])
-            for track, center in zip(known, centers, strict=True)
-        ]
-        places = np.stack([centers, tops - bottoms, np.array(handles) - centers], axis=1)
+        places = np.stack([_placed(track, points) for track in known])
         for track, place in zip(known, orthonormal_places(places), strict=True):
             track.anchored, track.place = True, place
 
@@ -237,13 +232,23 @@ class _Sightings:
         return dict(zip(known.tolist(), orthonormal_places(means.swapaxes(0, 1)), strict=True))
 
 
+def _placed(track: Track, points: Mapping[int, Array]) -> Array:
+    """(3, 3) centre, axis and handle of a track, not yet of unit length; what no point tells stays."""
+    top = points[3 * track.key + TOP]
+    bottom, handle = (points.get(3 * track.key + part) for part in (BOTTOM, HANDLE))
+    if bottom is None:
+        return np.stack([top, *track.place[1:]])
+    center = (top + bottom) / 2
+    return np.stack([center, top - bottom, track.place[2] if handle is None else handle - center])
+
+
 def landmark_points(frames: ObjectFrames, i: int) -> tuple[Array, Array]:
     """(3, 3) top, bottom and handle point of object i, metres, with covariances (3, 3, 3).
 
     Along the axis each end has a variance of its own: a hidden one is hardly known. Across it both share
     those of the centre and of the tilt; as these weigh about the same half a height away, the ends err
     independently. The handle point tells the turn about the axis and is loose otherwise, so that nothing
-    counts twice.
+    counts twice. Of an object that tells no axis the first is its centre, and the only one to be used.
     """
     center, axis, handle = frames.vectors[:, i]
     R = np.stack([handle, np.cross(axis, handle), axis], axis=1)
@@ -252,6 +257,8 @@ def landmark_points(frames: ObjectFrames, i: int) -> tuple[Array, Array]:
     across = shift_x + half**2 * turn_y, shift_y + half**2 * turn_x
     ends = 2 * shift_z * np.maximum(1 + np.array([correlation, -correlation]), LEAST_SHARE)
     loose = (LOOSE_RAD * LEVER_M) ** 2
+    if not frames.tell_axes[i]:
+        half, across, ends = 0.0, (shift_x, shift_y), np.array([shift_z, shift_z])
     variances = np.array(
         [[*across, ends[0]], [*across, ends[1]], [loose, shift_y + turn_z * LEVER_M**2, loose]]
     )
@@ -261,6 +268,13 @@ def landmark_points(frames: ObjectFrames, i: int) -> tuple[Array, Array]:
 
 def _half_height(half_height: float) -> float:
     return max(float(half_height), LEAST_HALF_HEIGHT_M)
+
+
+def _n_points(frames: ObjectFrames, i: int) -> int:
+    """How many of its landmark points object i tells."""
+    if not frames.tell_axes[i]:
+        return 1
+    return 2 if _handle_hidden(frames, i) else 3
 
 
 def _handle_hidden(frames: ObjectFrames, i: int) -> bool:

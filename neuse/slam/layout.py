@@ -38,7 +38,7 @@ class Pairs:
 def same_layout(
     view: View, places: Array, pairs: Pairs, tolerance_m: float, tolerance_rad: float
 ) -> np.ndarray:
-    """(p, p) whether two pairs have equal distance and equal angle of axes here and in the map."""
+    """(p, p) whether two pairs have equal distance and equal angle of axes, if told, here and in the map."""
     i, m = pairs.rows, pairs.columns
     here, there = view.frames.centers[i], places[0][m]
     distances_here = np.linalg.norm(here[:, None] - here[None], axis=-1)
@@ -47,9 +47,10 @@ def same_layout(
     tolerances_m = tolerance_m + np.sqrt(variances[:, None] + variances[None])
     angles_here = angles_between(view.frames.axes[i])
     angles_there = angles_between(places[1][m])
+    told = view.frames.tell_axes[i]
     return (
         (np.abs(distances_here - distances_there) <= tolerances_m)
-        & (np.abs(angles_here - angles_there) <= tolerance_rad)
+        & ((np.abs(angles_here - angles_there) <= tolerance_rad) | ~told[:, None] | ~told[None])
         & (i[:, None] != i[None])
         & (m[:, None] != m[None])
     )

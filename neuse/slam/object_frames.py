@@ -16,6 +16,7 @@ from neuse.geometry import Array
 from neuse.params import CheckedParams, param
 
 LARGEST = 1e4  # of the numbers in a code: metres, radians, cosines
+UNTOLD_RAD = 3.0  # an axis known no better is not told at all: that of a box, whose edges have no names
 LEAST_SHARE = 0.01  # of a variance along the axis that stays, whatever the height says
 
 
@@ -93,6 +94,11 @@ class ObjectFrames:
         """(n, 3) unit vectors to the top."""
         return self.vectors[1]
 
+    @property
+    def tell_axes(self) -> np.ndarray:
+        """(n,) bool, whether anything is known but the centre."""
+        return self.sigmas[:, 0] < UNTOLD_RAD
+
 
 def reduce_codes(codes: Sequence[Code], params: SigmaParams | None = None) -> ObjectFrames:
     """The object frames of codes that lie in one frame.
@@ -115,9 +121,9 @@ def reduce_codes(codes: Sequence[Code], params: SigmaParams | None = None) -> Ob
 
 
 def frames_at(vectors: Array, sigmas: Array, ambiguous: np.ndarray, half_heights: Array) -> ObjectFrames:
-    """Object frames at known places: vectors (3, n, 3), the same (6,) sigmas for all, half heights (n,)."""
+    """Object frames at known places: vectors (3, n, 3), sigmas (n, 6) or (6,) for all, half heights (n,)."""
     n = vectors.shape[1]
-    return _frames(vectors, np.tile(sigmas, (n, 1)), ambiguous, half_heights, np.zeros(n))
+    return _frames(vectors, np.broadcast_to(sigmas, (n, 6)), ambiguous, half_heights, np.zeros(n))
 
 
 def join_frames(parts: Sequence[ObjectFrames]) -> ObjectFrames:

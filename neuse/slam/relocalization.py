@@ -22,7 +22,7 @@ from neuse.slam.library import similarity
 from neuse.slam.object_frames import ObjectFrames, frames_at
 from neuse.slam.prior_map import PriorMap
 from neuse.slam.registration import Alignment, align_frames
-from neuse.slam.track import Track, heights_of, places_of
+from neuse.slam.track import Track, heights_of, places_of, sigmas_of
 
 TRACK_SIGMAS = np.array([0.03, 0.03, 0.15, 0.005, 0.005, 0.005])  # of places, as ObjectFrames.sigmas
 HIDDEN_HANDLE_RAD = 0.6  # a handle known no better says nothing
@@ -130,18 +130,21 @@ def same_arrangement(here: ObjectFrames, there: ObjectFrames, params: Relocaliza
     """(p, p) bool, whether two of p pairs (object here, object there) lie alike to each other.
 
     Their distance, the angle of their axes, the height of one above the other along its axis, and the bearing
-    of one as seen from the other's handle.
+    of one as seen from the other's handle; of what tells no axis the distance alone.
     """
     offsets_here, offsets_there = _offsets(here), _offsets(there)
     distances_m = np.linalg.norm(offsets_here, axis=-1)
     agree = np.abs(distances_m - np.linalg.norm(offsets_there, axis=-1)) <= params.tolerance_m
-    agree &= np.abs(angles_between(here.axes) - angles_between(there.axes)) <= params.tolerance_rad
+    told = here.tell_axes & there.tell_axes
+    turns_rad = np.abs(angles_between(here.axes) - angles_between(there.axes))
+    agree &= (turns_rad <= params.tolerance_rad) | ~(told[:, None] & told)
     rises = offsets_here[..., 2] - offsets_there[..., 2]
     alike = np.abs(rises) <= params.tolerance_m + LEAN * distances_m
     sideways_m = np.linalg.norm((offsets_here - offsets_there)[..., :2], axis=-1)
     turned = sideways_m > params.tolerance_m + params.tolerance_handle_rad * distances_m
     handles = (here.variances[2] <= HIDDEN_HANDLE_RAD**2) & (there.variances[2] <= HIDDEN_HANDLE_RAD**2)
     alike &= ~(turned & handles[:, None])
+    alike |= ~told[:, None]
     return agree & alike & alike.T
 
 
@@ -156,7 +159,8 @@ def _offsets(frames: ObjectFrames) -> Array:
 def _frames_of(tracks: Sequence[Track]) -> ObjectFrames:
     """Where a session's objects stand, frame `session`."""
     ambiguous = np.array([track.ambiguous for track in tracks], dtype=bool)
-    frames = frames_at(places_of(tracks), TRACK_SIGMAS, ambiguous, heights_of(tracks)[0])
+    sigmas = sigmas_of(tracks, TRACK_SIGMAS)
+    frames = frames_at(places_of(tracks), sigmas, ambiguous, heights_of(tracks)[0])
     weights = np.array([track.place_weights[2] for track in tracks])
     frames.variances[2] = np.maximum(frames.variances[2], 1.0 / np.maximum(weights, 1e-12))
     return frames
@@ -167,6 +171,7 @@ def _candidates(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(p,) rows and (p,) columns of pairs alike in shape and height, the most similar of each row."""
     heights = np.abs(seen.half_heights[:, None] - known.half_heights) <= params.tolerance_m
+    heights |= ~(seen.tell_axes[:, None] & known.tell_axes)
     alike = np.where(heights & (shapes >= params.similarity_min), shapes, -np.inf)
     order = np.argsort(-alike, axis=1, kind="stable")[:, : params.max_candidates]
     rows = np.repeat(np.arange(len(seen)), order.shape[1])

@@ -139,6 +139,12 @@ def heights_of(tracks: Sequence[Track]) -> tuple[Array, Array]:
     return heights, 1.0 / np.array([track.height_weight for track in tracks])
 
 
+def sigmas_of(tracks: Sequence[Track], sigmas: Array) -> Array:
+    """(n, 6) sigmas (6,) of known places, but of no rotation where a track tells no axis."""
+    told = np.array([track.last.frames.tell_axes[0] for track in tracks], dtype=bool)
+    return np.where(told[:, None] | (np.arange(6) >= 3), sigmas, np.pi)
+
+
 def orthonormal_places(places: Array) -> Array:
     """(n, 3, 3) centre, unit axis and unit handle orthogonal to it, of each."""
     centers, axes, handles = places[:, 0], _normalized(places[:, 1]), places[:, 2]

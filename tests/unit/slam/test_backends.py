@@ -12,6 +12,7 @@ from neuse.slam.backends import LEVER_M, EdgeBackend, LandmarkBackend, landmark_
 from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.object_frames import SigmaParams, reduce_codes
 from neuse.slam.pose_graph import SlidingWindow, SolverParams
+from neuse.symmetry import BOX
 
 from .synthetic import make_code, make_thing
 from .test_association import scene_of
@@ -53,11 +54,11 @@ def odometry(i):
     )
 
 
-def run(backend, scene, edges_of, wrong=0.02):
+def run(backend, scene, edges_of, wrong=0.02, record_of=record):
     poses = np.zeros((0, 4, 4))
     for i, T in enumerate(POSES):
         start = T @ exp([0, 0, 0, wrong * (i > 0), 0, 0])
-        seen = record(scene, i)
+        seen = record_of(scene, i)
         backend.add_keyframe(seen, start, edges_of(i) if i else [], [])
         backend.add_sightings(seen, scene.tracks)
         poses = backend.solve(loop_closed=False)
@@ -177,6 +178,45 @@ def test_hidden_handles_and_bottles_give_no_handle_point(scene):
     backend.add_sightings(hidden, scene.tracks)
     backend.solve(loop_closed=False)
     assert {point % 3 for point in backend.graph.points()} == {0, 1}
+
+
+UNTOLD = np.array([np.pi] * 3 + [0.001, 0.002, 0.003])
+
+
+def renamed(scene, i):
+    """A keyframe whose first object is a box: each view has other names for its edges."""
+    first, *others = scene.things
+    turn = np.eye(4)
+    turn[:3, :3] = BOX.turns[(7 * i) % len(BOX.turns)]
+    T_camera_box = inverse(POSES[i]) @ first.T_world_object @ turn
+    codes = [make_code(first, T_camera_box, UNTOLD)]
+    codes += [make_code(thing, inverse(POSES[i]) @ thing.T_world_object, SIGMAS) for thing in others]
+    return KeyframeRecord(i, i * PERIOD_NS, np.arange(len(codes)), reduce_codes(codes), None)
+
+
+def test_object_that_tells_no_axis_is_its_centre_alone(scene):
+    code = make_code(scene.things[0], np.eye(4), UNTOLD)
+    points, covariances = landmark_points(reduce_codes([code], SigmaParams(1.0, 0.0, 0.0)), 0)
+    np.testing.assert_allclose(points[0], code.center)
+    np.testing.assert_allclose(covariances[0], np.diag(UNTOLD[3:] ** 2), atol=1e-15)
+
+
+def test_box_whose_edges_change_their_names_keeps_its_place_and_misleads_nobody(scene):
+    backend, box = LandmarkBackend(SolverParams()), scene.tracks[0]
+    poses = run(backend, scene, lambda i: [odometry(i)], record_of=renamed)
+    np.testing.assert_allclose(poses, POSES, atol=3e-3)
+    np.testing.assert_allclose(box.place[0], scene.things[0].T_world_object[:3, 3], atol=3e-3)
+    np.testing.assert_allclose(np.linalg.norm(box.place[1:], axis=1), 1.0)
+    assert {point for point in backend.graph.points() if point // 3 == box.key} == {3 * box.key}
+
+
+def test_known_box_is_known_by_its_centre(scene):
+    backend, box = LandmarkBackend(SolverParams()), scene.tracks[0]
+    box.last = replace(box.last, frames=renamed(scene, 0).frames[[0]])
+    backend.add_keyframe(record(scene, 0), POSES[0], [], [])
+    backend.add_known([box])
+    backend.solve(loop_closed=False)
+    assert set(backend.graph.points()) == {3 * box.key}
 
 
 def test_window_that_cannot_be_solved_begins_anew(scene, monkeypatch):

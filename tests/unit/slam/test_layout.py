@@ -52,6 +52,15 @@ def test_object_that_fell_over_disagrees_with_the_others(scene):
     assert not layout(scene, things, pairs_of([0, 1], [0, 1])).any()
 
 
+def test_axis_that_is_not_told_may_point_anywhere(scene):
+    fallen = scene.things[0].T_world_object @ exp([np.pi / 2, 0, 0, 0, 0, 0])
+    things = [replace(scene.things[0], T_world_object=fallen), *scene.things[1:]]
+    view, places, pairs = view_of(things), places_of(scene.tracks), pairs_of([0, 1, 2], [0, 1, 2])
+    view.frames.sigmas[0, :3] = np.pi
+    agree = same_layout(view, places, pairs, 0.02, 0.35)
+    np.testing.assert_array_equal(agree, ~np.eye(3, dtype=bool))
+
+
 def test_directions_count_as_far_as_the_attitude_is_known(scene):
     view, places, pairs = view_of(scene.things, TURN), places_of(scene.tracks), pairs_of([0, 1], [0, 1])
     known = same_directions(view, places, pairs, TURN, np.zeros(2), 0.02)

@@ -104,6 +104,15 @@ def test_frames_at_places_have_the_given_sigmas(codes):
     frames = reduce_codes(codes)
     placed = frames_at(frames.vectors, SIGMAS, frames.ambiguous, frames.half_heights)
     np.testing.assert_array_equal(placed.sigmas, np.tile(SIGMAS, (4, 1)))
+    own = SIGMAS * np.arange(1, 5)[:, None]
+    placed = frames_at(frames.vectors, own, frames.ambiguous, frames.half_heights)
+    np.testing.assert_array_equal(placed.sigmas, own)
+
+
+def test_axis_as_uncertain_as_any_is_not_told(codes):
+    assert reduce_codes(codes).tell_axes.all()
+    box = replace(codes[0], sigmas=np.array([np.pi, np.pi, np.pi, 0.001, 0.001, 0.001]))
+    assert reduce_codes([box, codes[1]], SigmaParams(scale=1.0)).tell_axes.tolist() == [False, True]
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
