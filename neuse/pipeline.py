@@ -1,12 +1,16 @@
 """The whole system in one process, one step a frame: no ROS, no threads, repeatable to the last digit."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from neuse.embedding.observe import Observer, ObserverParams
 from neuse.mapping.mapper import MapperParams, ObjectMapper
 from neuse.records import ObjectChange, ObservedFrame, OdometrySample, RgbdFrame, TrackedFrame
 from neuse.slam.feedback import DELAY_S, ChangeFeedback
+from neuse.slam.joining import Joiner, JoiningParams
+from neuse.slam.prior_map import PriorMap
 from neuse.slam.slam import ObjectSlam, SlamParams
 
 
@@ -17,6 +21,7 @@ class PipelineParams:
     encoder: ObserverParams = field(default_factory=ObserverParams)
     slam: SlamParams = field(default_factory=SlamParams)
     mapper: MapperParams = field(default_factory=MapperParams)
+    joining: JoiningParams = field(default_factory=JoiningParams)
     feedback_delay_s: float = DELAY_S
 
 
@@ -39,7 +44,18 @@ class Pipeline:
         self.slam = ObjectSlam(self.params.slam)
         decoders = {name: embedding.reconstruct for name, embedding in self.observer.embeddings.items()}
         self.mapper = ObjectMapper(decoders, self.params.mapper)
+        self.joiner = Joiner(self.slam, self.params.joining)
         self._feedback = ChangeFeedback(self.params.feedback_delay_s)
+
+    def load_map(self, path: str | Path) -> None:
+        """Begin anew in a saved map: frames enter it once the camera has been found there.
+
+        Raises:
+            MapFileError: missing, damaged, or of another version; everything goes on as it was.
+        """
+        self.mapper.load(path)
+        self._feedback.clear()
+        self.joiner.offer(PriorMap.of(self.mapper.object_map))
 
     def step(self, frame: RgbdFrame, odometry: OdometrySample | None = None) -> PipelineResult:
         """Encode, localise, map."""
@@ -58,7 +74,7 @@ class Pipeline:
             self.slam.apply_change(change)
         tracked = self.slam.step(observed, odometry)
         localised = time.perf_counter()
-        changes = self.mapper.step(tracked, self.slam.moved_keyframes())
+        changes = self._map(self.joiner.follow(tracked))
         for change in changes:
             self._feedback.add(change)
         mapped = time.perf_counter()
@@ -68,3 +84,8 @@ class Pipeline:
             "map": 1e3 * (mapped - localised),
         }
         return PipelineResult(observed, tracked, changes, stage_ms)
+
+    def _map(self, frames: Sequence[TrackedFrame]) -> tuple[ObjectChange, ...]:
+        """Take frames into the map, none or many while the session joins a saved one; what has changed."""
+        keyframes = self.slam.moved_keyframes() if frames else ()
+        return tuple(change for frame in frames for change in self.mapper.step(frame, keyframes))

@@ -11,7 +11,7 @@ from neuse.mapping.change_detection import ChangeDetector, ChangeParams, Move, s
 from neuse.mapping.evidence import Evidence
 from neuse.mapping.free_space import FreeSpaceParams
 from neuse.mapping.keyframe_memory import KeyframeMemory, SeenKeyframe
-from neuse.mapping.map_file import load_map, restore, save_map, snapshot
+from neuse.mapping.map_file import load_map, save_map
 from neuse.mapping.newcomers import Judge, NewcomerParams, Origin
 from neuse.mapping.object_graph import LayoutParams
 from neuse.mapping.object_library import (
@@ -24,6 +24,7 @@ from neuse.mapping.object_library import (
 )
 from neuse.mapping.presence import Presence
 from neuse.mapping.reconstruction import MeshCache, Reconstruct
+from neuse.mapping.snapshot import restore, snapshot
 from neuse.mapping.upkeep import UpkeepParams
 from neuse.params import CheckedParams, param
 from neuse.records import (
@@ -69,6 +70,7 @@ class ObjectMapper:
         """Forget everything."""
         params = self._params
         self._tick, self._stamp_ns = 0, 0
+        self.history: tuple[ObjectChange, ...] = ()  # of a loaded map, before the present run
         self._changes: list[ObjectChange] = []
         self._memory = KeyframeMemory(params.max_depth_keyframes)
         self._library = ObjectLibrary()
@@ -123,8 +125,13 @@ class ObjectMapper:
         return self._meshes.mesh(record.object_id, record.code)
 
     def save(self, path: str | Path) -> None:
-        """Write objects and evidence of free space to a file."""
-        save_map(Path(path), snapshot(self._library, self._memory, self._tick, self._stamp_ns))
+        """Write objects, evidence of free space, and all changes to a file.
+
+        Raises:
+            MapFileError: the place cannot be written.
+        """
+        changes = (*self.history, *self.changes)
+        save_map(Path(path), snapshot(self._library, self._memory, changes, self._tick, self._stamp_ns))
 
     def load(self, path: str | Path) -> None:
         """Go on with a saved map; what was known before is forgotten. Object ids are kept.
@@ -134,7 +141,7 @@ class ObjectMapper:
         """
         stored = load_map(Path(path))
         self.reset()
-        self._stamp_ns = stored.stamp_ns
+        self._stamp_ns, self.history = stored.stamp_ns, stored.changes
         restore(stored, self._library, self._memory)
 
     def recall(self, object_map: ObjectMap) -> int:

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-
 from neuse.geometry import Array
 from neuse.params import CheckedParams, param
 from neuse.records import NO_ID, Edge, TrackedFrame, TrackedObservation

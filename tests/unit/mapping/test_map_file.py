@@ -8,33 +8,38 @@ import pytest
 
 from neuse.embedding.code import Code
 from neuse.errors import MapFileError
-from neuse.mapping.map_file import StoredKeyframe, StoredMap, StoredObject, load_map, save_map
+from neuse.geometry import make_transform
+from neuse.mapping.map_file import load_map, save_map
+from neuse.mapping.map_layout import StoredKeyframe, StoredMap, StoredObject
+from neuse.mapping.object_library import View
+from neuse.records import ChangeKind, ObjectChange
 
 from .synthetic import CAMERA
 
 RNG = np.random.default_rng(0)
 
 
+def view(ambiguous=False):
+    z, descriptor = RNG.normal(size=(8, 3)), RNG.normal(size=8)
+    code = Code("mug", ambiguous, z, descriptor, 0.1 + RNG.random(6), -0.25)
+    return View(code, RNG.normal(size=(int(RNG.integers(1, 20)), 3)), 4.5)
+
+
 def stored_map(n_objects=2, n_keyframes=3):
     objects = tuple(
-        StoredObject(
-            i, "mug", 2, 10, 20, 5, -30, -1, 4.5,
-            Code("mug", False, RNG.normal(size=(8, 3)), RNG.normal(size=8), RNG.random(6), -0.25),
-            RNG.normal(size=(20, 3)),
-        )
+        StoredObject(i, "mug", 2, 10, 20, 5, -30, -1, {0: view(), 2: view(ambiguous=True)})
         for i in range(n_objects)
-    )  # fmt: skip
+    )
+    depths = [RNG.integers(0, 65535, (6, 8)).astype(np.uint16), None]
     keyframes = tuple(
-        StoredKeyframe(
-            i - 9,
-            np.eye(4),
-            CAMERA,
-            RNG.integers(0, 65535, (6, 8)).astype(np.uint16),
-            {1: RNG.normal(size=3)},
-        )
+        StoredKeyframe(i - 9, np.eye(4), CAMERA, depths[i % 2], {1: RNG.normal(size=3)})
         for i in range(n_keyframes)
     )
-    return StoredMap(123, objects, keyframes)
+    changes = (
+        ObjectChange(5, ChangeKind.REMOVED, 1, "mug", np.eye(4), None),
+        ObjectChange(7, ChangeKind.MOVED, 0, "mug", np.eye(4), make_transform(np.eye(3), [1, 2, 3]), 9),
+    )
+    return StoredMap(123, objects, keyframes, changes[: 2 * bool(n_objects)])
 
 
 def assert_equal(one, other):
@@ -57,7 +62,7 @@ def assert_equal(one, other):
         assert one == other
 
 
-@pytest.mark.parametrize(("n_objects", "n_keyframes"), [(2, 3), (0, 0), (1, 0)])
+@pytest.mark.parametrize(("n_objects", "n_keyframes"), [(2, 3), (0, 0), (0, 4)])
 def test_map_survives_the_round_trip(tmp_path, n_objects, n_keyframes):
     stored = stored_map(n_objects, n_keyframes)
     save_map(tmp_path / "map.npz", stored)
@@ -145,13 +150,14 @@ def test_archive_of_another_program_is_refused(tmp_path):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"z_0": np.zeros((8, 2))},
-        {"z_0": np.full((8, 3), np.nan)},
-        {"sigmas_1": np.zeros(5)},
-        {"depth_1": np.zeros((6, 8))},
-        {"pose_2": None},
+        {"view_z": np.zeros((32, 2))},
+        {"view_z": np.full((32, 3), np.nan)},
+        {"view_numbers": np.ones((4, 7))},
+        {"depths": np.zeros(96)},
+        {"poses": None},
         {"objects": None},
-        {"seen_ids_0": np.array([1, 2])},
+        {"seen_centers": np.zeros((2, 3))},
+        {"views": np.zeros((5, 3), np.int64)},
         {"header": None},
     ],
     ids=[
@@ -162,6 +168,7 @@ def test_archive_of_another_program_is_refused(tmp_path):
         "missing array",
         "no objects",
         "unequal",
+        "too many",
         "none",
     ],
 )
@@ -175,32 +182,47 @@ def test_wrong_content_is_refused(tmp_path, changes):
         load_map(path)
 
 
+def changed(name, where, value):
+    """An array of a sound map with one of its values replaced."""
+
+    def change(arrays):
+        array = arrays[name].copy()
+        array[where] = value
+        return {name: array}
+
+    return change
+
+
 @pytest.mark.parametrize(
-    ("entry", "value"),
-    [("object_id", "7"), ("object_id", 2**63), ("last_tick", 1.5), ("weight", 0.0), ("weight", float("nan")),
-     ("category", ""), ("category", 4), ("height_correlation", 2.0), ("status", 9)],
+    "change",
+    [
+        changed("objects", (1, 0), 0), changed("objects", (0, 0), -1), changed("objects", (0, 1), 9),
+        changed("objects", (0, 5), 1), changed("objects", (0, 4), -1),
+        changed("views", (0, 1), 3), changed("views", (0, 0), -1), changed("views", (slice(None), 0), 0),
+        changed("view_numbers", (0, 2), 0.0), changed("view_numbers", (0, 6), 2.0),
+        changed("view_numbers", (0, 7), 0.0), changed("view_points_lengths", 0, 0),
+        changed("view_z_lengths", 1, 7), changed("poses", (1, 0), 2.0), changed("ticks", (0, 0), 1),
+        changed("intrinsics", (0, 2), -600.0), changed("depth_shapes", (0, 0), -6),
+        changed("depth_shapes", (0, 1), 9), changed("seen", (0, 1), -4), changed("changes", (0, 1), 7),
+        changed("change_poses", (0, 5), 3.0),
+    ],
 )  # fmt: skip
-def test_entry_that_is_none_is_refused(tmp_path, entry, value):
+def test_numbers_that_mean_nothing_are_refused(tmp_path, change):
     path = tmp_path / "map.npz"
     save_map(path, stored_map())
     with np.load(path) as file:
-        objects = json.loads(file["header"].tobytes())["objects"]
-    objects[1][entry] = value
+        changes = change(dict(file))
     with pytest.raises(MapFileError, match="damaged"):
-        load_map(rewritten(path, objects=objects))
+        load_map(rewritten(path, **changes))
 
 
 @pytest.mark.parametrize(
     "changes",
-    [
-        {"sigmas_0": np.full(6, -1.0)},
-        {"pose_1": np.ones((4, 4))},
-        {"points_0": np.zeros((0, 3))},
-        {"depth_0": np.zeros((0, 8), np.uint16)},
-    ],
-    ids=["sigmas", "pose", "no points", "no depth"],
-)
-def test_numbers_that_mean_nothing_are_refused(tmp_path, changes):
+    [{"categories": ["mug", 4]}, {"categories": ["mug", ""]}, {"categories": ["mug"]}, {"categories": None},
+     {"change_categories": ["mug"]}, {"change_categories": ["mug", 1]},
+     {"stamp_ns": 2**63}, {"stamp_ns": 1.5}, {"stamp_ns": True}],
+)  # fmt: skip
+def test_header_entry_that_is_none_is_refused(tmp_path, changes):
     with pytest.raises(MapFileError, match="damaged"):
         load_map(rewritten(tmp_path / "map.npz", **changes))
 
@@ -222,13 +244,13 @@ def test_full_disk_leaves_the_old_map_and_no_remains(tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "fsync", fill)
     with pytest.raises(MapFileError, match="No space left"):
-        save_map(path, stored_map(5, 9))
+        save_map(path, stored_map(5, 3))
     assert_equal(load_map(path), stored)
     assert [file.name for file in tmp_path.iterdir()] == ["map.npz"]
 
 
 def test_objects_in_a_pickle_are_never_loaded(tmp_path):
     path = tmp_path / "map.npz"
-    rewritten(path, z_0=np.array([{"a": 1}], dtype=object))
+    rewritten(path, view_z=np.array([{"a": 1}], dtype=object))
     with pytest.raises(MapFileError, match="damaged"):
         load_map(path)
