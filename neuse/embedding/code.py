@@ -3,7 +3,8 @@
 The first half of the points are landmarks, z_j = c + E a_j: c is the object's centre, a_j the fixed template
 below and E = R_camera_object diag(extents) the object's scaled axes. E[:, 2] points along the axis to the
 top, E[:, 0] to the handle. For ambiguous (axially symmetric) objects only the component along the axis is
-there: z_j = c + E[:, 2] a_j[2]. The second half is free for the decoder.
+there: z_j = c + E[:, 2] a_j[2]. The axes of a box are its edges, named and signed as the encoder likes. The
+second half is free for the decoder.
 """
 
 from dataclasses import dataclass, replace
@@ -12,6 +13,7 @@ from functools import cache
 import numpy as np
 
 from neuse.geometry import Array, make_transform, transform_points
+from neuse.symmetry import BOX
 
 
 @cache
@@ -31,7 +33,8 @@ class Code:
     z: (k, 3) float64 latent points, metres, in the frame of the encoded cloud.
     descriptor: (k,) float64, unit length, invariant to pose; compare by the dot product.
     sigmas: (6,) float64, standard deviations of the object's rigid frame, rotation first (rad), then
-        translation (m), along the object frame's axes; the third (about the axis) is pi if ambiguous.
+        translation (m), along the object frame's axes; the third (about the axis) is pi if ambiguous, all
+        three are where the axes have no names.
     height_correlation: of the errors of the centre's place along the axis and of half the height, which have
         the same standard deviation: 1 where the bottom is in its place and the top is not known, -1 the other
         way round, 0 where both ends are known alike.
@@ -69,6 +72,18 @@ class Code:
     def T_frame_object(self) -> Array:
         """(4, 4) pose of the object frame, p_frame = T_frame_object @ p_object; any x if ambiguous."""
         return make_transform(_orthonormal(self.axes, self.ambiguous), self.center)
+
+    def named_like(self, other: "Code") -> "Code":
+        """The same code, its axes named as those of another that it may be.
+
+        That changes codes that tell no rotation, as those of boxes: each view names the edges as it likes.
+        """
+        if self.sigmas[:3].min() < np.pi:
+            return self
+        equivalent = self.axes @ BOX.turns  # (24, 3, 3)
+        nearest = equivalent[np.square(equivalent - other.axes).sum(axis=(1, 2)).argmin()]
+        landmarks = self.center + landmark_template(len(self.z)) @ nearest.T
+        return replace(self, z=np.concatenate([landmarks, self.z[len(landmarks) :]]))
 
     def transformed(self, T_target_source: Array) -> "Code":
         """The same code seen from another frame: z_target = T_target_source @ z."""

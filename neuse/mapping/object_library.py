@@ -138,8 +138,9 @@ def average_codes(codes: Sequence[Code], T_map_keyframes: Array, weights: Array)
     T_map_keyframes: (n, 4, 4) from each code's frame.    weights: (n,) positive.
     The errors of views are correlated, so the average claims to be no better than its best view.
     """
-    R, t = T_map_keyframes[:, :3, :3], T_map_keyframes[:, None, :3, 3]
-    z = np.stack([code.z for code in codes]) @ R.transpose(0, 2, 1) + t  # (n, k, 3)
+    placed = [code.transformed(T) for code, T in zip(codes, T_map_keyframes, strict=True)]
+    best = placed[int(np.argmax(weights))]
+    z = np.stack([code.named_like(best).z for code in placed])  # (n, k, 3)
     half = z.shape[1] // 2
     robust = weights
     for _ in range(3):

@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from neuse.embedding.code import Code, landmark_template
+from neuse.symmetry import BOX
 
 from .tiny import EXTENTS, make_code, random_transform
 
@@ -50,6 +53,23 @@ def test_transformed_code_lies_where_its_object_lies(category):
     np.testing.assert_allclose(moved.z, expected.z, atol=1e-12)
     np.testing.assert_array_equal(moved.descriptor, expected.descriptor)
     np.testing.assert_array_equal(moved.sigmas, expected.sigmas)
+
+
+@pytest.mark.parametrize("turn", BOX.turns[::5])
+def test_code_of_a_box_takes_the_names_of_another(turn):
+    rng = np.random.default_rng(5)
+    code = replace(make_code(random_transform(rng), "box"), sigmas=np.full(6, np.pi))
+    template = landmark_template(len(code.z))
+    landmarks = code.center + template @ (code.axes @ turn).T
+    renamed = replace(code, z=np.concatenate([landmarks, code.z[len(landmarks) :]]))
+    np.testing.assert_allclose(renamed.named_like(code).z, code.z, atol=1e-12)
+    np.testing.assert_allclose(renamed.center, code.center, atol=1e-12)
+
+
+def test_code_that_tells_its_rotation_keeps_its_names():
+    rng = np.random.default_rng(6)
+    code = make_code(random_transform(rng))
+    assert code.named_like(make_code(random_transform(rng))) is code
 
 
 def test_transforming_there_and_back_gives_the_code_again():

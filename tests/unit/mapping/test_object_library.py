@@ -71,6 +71,20 @@ def test_flipped_view_among_good_ones_hardly_counts():
     assert angle < 0.05
 
 
+def test_average_of_boxes_does_not_depend_on_what_each_view_calls_its_edges():
+    T = poses(6)
+    untold = [replace(code, sigmas=np.full(6, np.pi)) for code in views_from(T)]
+    named = [
+        view.named_like(replace(view, z=view.z @ geometry.exp([1, 2, i, 0, 0, 0])[:3, :3]))
+        for i, view in enumerate(untold)
+    ]
+    assert len({int(np.abs(view.axes).argmax()) for view in named}) > 1
+    code = average_codes(named, T, np.ones(6))
+    sizes = np.sort(np.linalg.norm(code.axes, axis=0))
+    np.testing.assert_allclose(sizes, np.sort(np.linalg.norm(untold[0].axes, axis=0)), atol=1e-9)
+    np.testing.assert_allclose(code.center, MUG.T_world_object[:3, 3], atol=1e-9)
+
+
 def test_average_moves_with_the_frame():
     T, G = poses(4), geometry.exp([0.3, -0.2, 0.1, 1.0, 2.0, 3.0])
     views = views_from(T, noise_m=0.01)
