@@ -2,7 +2,8 @@
 
     python -m neuse.embedding.card --figures out/embedding/embedding.json
 
-Writes neuse/weights/<category>.md from the weights' own metadata and what `evaluate` found of them.
+Writes neuse/weights/<category>.md from the weights' own metadata and what `evaluate` found of them, for the
+categories that were evaluated.
 """
 
 import argparse
@@ -12,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from neuse.embedding.embedding import WEIGHTS
-from neuse.embedding.network import load_network, read_card
-from neuse.embedding.table import ROWS, USUAL, markdown_table
+from neuse.embedding.network import Network, load_network, read_card
+from neuse.embedding.table import USUAL, markdown_table, rows_of
 from neuse.errors import InputError
 
 LOSSES = {
@@ -33,11 +34,13 @@ def card_text(path: Path, figures: Mapping[str, Any]) -> str:
     category = network.category
     if json.dumps(figures["cards"].get(category)) != json.dumps(card):  # which may hold NaN
         raise InputError("card", f"the figures are not of {path}; run evaluate with these weights first")
-    rows = [row for row in ROWS if row.category in ("", category)]
+    rows = rows_of([category])
     size_m = sum(weights.numel() for weights in network.parameters()) / 1e6
     return CARD.format(
         category=category,
         recipe=card["recipe"],
+        start=f" --from {card['started_from']}" if card.get("started_from") else "",
+        symmetry=f"{network.symmetry.name}: {network.symmetry.meaning}",
         losses=LOSSES[network.architecture],
         batches=_batches(card),
         data=_data(card),
@@ -48,7 +51,7 @@ def card_text(path: Path, figures: Mapping[str, Any]) -> str:
         scenes=figures["scenes"],
         shapes=figures["shapes"],
         table=markdown_table({"median (p90), n": (figures, USUAL)}, rows),
-        limits="\n".join(f"- {limit}" for limit in _limits(category, figures)),
+        limits="\n".join(f"- {limit}" for limit in _limits(network, figures)),
     )
 
 
@@ -56,7 +59,8 @@ CARD = """# Weights: {category}
 
 | | |
 |---|---|
-| recipe | `python -m neuse.embedding.train --category {category} --recipe {recipe}`: {losses} |
+| recipe | `neuse train --category {category} --recipe {recipe}{start}`: {losses} |
+| symmetry | {symmetry} |
 | batches | {batches} |
 | data | {data} |
 | seed | {seed} |
@@ -66,8 +70,8 @@ CARD = """# Weights: {category}
 
 ## Figures
 
-Unseen {shapes} shapes, 1.5 mm depth noise, 0.3 to 5 m, hidden in part by three other objects, {scenes} scenes
-of 6 views (`make evaluate-embedding`). Bold: within the bar.
+Unseen {shapes} shapes, 1.5 mm depth noise, 0.3 to 5 m, hidden in part by other objects, {scenes} scenes
+of 6 views (`python -m neuse.embedding.evaluate`). Bold: within the bar.
 
 {table}
 
@@ -88,26 +92,28 @@ def _data(card: Mapping[str, Any]) -> str:
     return f"{shapes} shapes of the training split, 16 views each (neuse/embedding/views.py)"
 
 
-def _limits(category: str, figures: Mapping[str, Any]) -> list[str]:
-    """What the figures say of hard views."""
-    usual = figures[USUAL]
-    limits = {
-        "mug": [
-            f"Where the handle is hidden the direction about the axis is not known, and the third sigma says "
-            f"so: over all pairs of views the rotation is {_spread(usual['mug, any']['rotation_deg'])} deg.",
+def _limits(network: Network, figures: Mapping[str, Any]) -> list[str]:
+    """What the symmetry leaves open, and what the figures say of hard views."""
+    category, usual, limits = network.category, figures[USUAL], []
+    if category == "mug":
+        limits += [
+            "Where the handle is hidden the direction about the axis is not known, and the third sigma says "
+            f"so: over all pairs of views the rotation is {_spread(usual['mug']['rotation_deg'])} deg.",
             f"{_percent(usual['flips, mug with handle seen'])} of the pairs with a seen handle, near and "
             "well visible, are over 45 degrees wrong.",
-        ],
-        "bottle": [
+        ]
+    if network.ambiguous:
+        limits += [
             "A turn about the axis is never known: two objects with different axes are needed for a pose.",
-            f"{_percent(usual['flips, bottle'])} of the near and well visible pairs are upside down.",
+            f"{_percent(usual[f'flips, {category}'])} of the near and well visible pairs are upside down.",
             "Bodies that are not round come out round.",
-        ],
-    }
+        ]
+    if 0 in network.symmetry.untold:
+        limits += ["A code tells its centre and its shape; its rotation takes part in no pose."]
     shape = figures[f"{category} shape"]
     tried = shape["failed"] + shape["iou"]["n"]
     nothing = f"{shape['failed']} of {tried} codes decoded to nothing"
-    return [*limits.get(category, []), f"Reconstructions: IoU {_spread(shape['iou'])}; {nothing}."]
+    return [*limits, f"Reconstructions: IoU {_spread(shape['iou'])}; {nothing}."]
 
 
 def _spread(figure: Mapping[str, float]) -> str:
@@ -127,7 +133,8 @@ def main() -> None:
     parser.add_argument("--weights", type=Path, default=WEIGHTS, help="folder of the weights and cards")
     arguments = parser.parse_args()
     figures = json.loads(arguments.figures.read_text())
-    for path in sorted(arguments.weights.glob("*.safetensors")):
+    for category in figures["cards"]:
+        path = arguments.weights / f"{category}.safetensors"
         path.with_suffix(".md").write_text(card_text(path, figures))
 
 

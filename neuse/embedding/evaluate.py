@@ -1,14 +1,15 @@
 """The table of an embedding: how well its codes tell poses, shapes and their own errors, on unseen shapes.
 
     python -m neuse.embedding.evaluate --out out/embedding
+    python -m neuse.embedding.evaluate --out out/kettle --categories kettle --meshes DIR --weights checkpoints
 
-Writes embedding.json and prints the table. With --meshes DIR the shapes are DIR/<category>/*.obj|ply|stl.
+Writes embedding.json and prints the table. With --meshes DIR the shapes are DIR/<category>/*.obj|ply|stl|glb.
 """
 
 import argparse
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +34,8 @@ from neuse.embedding.figures import (
 from neuse.embedding.network import load_network, read_card
 from neuse.embedding.reconstruction import decode
 from neuse.embedding.shards import SPLIT_SEEDS
-from neuse.embedding.sightings import CATEGORIES, PER_CATEGORY, Condition, Sighting, draw_sightings
-from neuse.embedding.table import FAR, USUAL, markdown_table, nees_table
+from neuse.embedding.sightings import PER_CATEGORY, Condition, Sighting, draw_sightings
+from neuse.embedding.table import FAR, USUAL, markdown_table, nees_table, rows_of
 from neuse.errors import MeshError
 from neuse.simulation.meshes import load_meshes
 from neuse.simulation.shapes import Shape, sample_shape
@@ -47,12 +48,8 @@ CONDITIONS = (
     Condition(FAR, 0.0015, growing=True, range_m=(2.6, 3.3)),
 )
 USUAL_RANGE = tuple(condition.name for condition in CONDITIONS if condition.name != FAR)
-GROUPS = {
-    "mug": {"mug": 1},
-    "bottle": {"bottle": 1},
-    "mug + bottle": {"mug": 1, "bottle": 1},
-    "2 mugs + 2 bottles": {"mug": 2, "bottle": 2},
-}
+CATEGORIES = ("mug", "bottle")
+JOINT_GROUPS = {"mug + bottle": {"mug": 1, "bottle": 1}, "2 mugs + 2 bottles": {"mug": 2, "bottle": 2}}
 VIEWS = 6
 RECONSTRUCTIONS = 60
 
@@ -64,47 +61,54 @@ def evaluate(
     seed: int = 0,
     conditions: Sequence[Condition] = CONDITIONS,
 ) -> dict[str, Any]:
-    """All figures by condition, from scenes of 2 mugs and 2 bottles in 6 views each."""
+    """All figures by condition, from scenes of two objects of each category in 6 views each."""
     rng = np.random.default_rng([SPLIT_SEEDS["test"], seed])
     has_frames = all(embedding.network.architecture == "shipped" for embedding in embeddings.values())
     register = by_frames if has_frames else by_latents
-    errors: dict[str, dict[str, list[PairError]]] = {c.name: {g: [] for g in GROUPS} for c in conditions}
+    errors: dict[str, dict[str, list[PairError]]] = {
+        c.name: {group: [] for group in _groups(shapes)} for c in conditions
+    }
     sightings: dict[str, list[Sighting]] = {c.name: [] for c in conditions}
     scenes = draw_sightings(shapes, embeddings, conditions, n_scenes, VIEWS, rng)
     for condition, seen in tqdm(scenes, total=n_scenes * len(conditions), unit="scene"):
         sightings[condition.name] += seen
-        for group, n_each in GROUPS.items():
+        for group, n_each in _groups(shapes).items():
             errors[condition.name][group] += pair_errors(seen, n_each, register)
     figures: dict[str, Any] = {}
     for name, seen in sightings.items():
         figures[name] = pose_figures(errors[name])
-        for category in CATEGORIES:
+        for category in shapes:
             own = [s for s in seen if s.code.category == category]
             figures[name][f"descriptor, {category}"] = descriptor_figures(own, rng)
             if has_frames:
                 figures[name][f"frame, {category}"] = frame_figures(own)
-    for category in CATEGORIES:
+    for category in shapes:
         sample = _reconstructed(sightings.get(USUAL, []), category)
         figures[f"{category} shape"] = shape_figures(embeddings[category], sample, rng)
-    return figures | {"speed": speed(embeddings["mug"])}
+    return figures | {"speed": speed(next(iter(embeddings.values())))}
+
+
+def _groups(categories: Iterable[str]) -> dict[str, dict[str, int]]:
+    """What poses are estimated from: single objects, and mugs and bottles jointly."""
+    alone = {category: {category: 1} for category in categories}
+    joint = {name: n_each for name, n_each in JOINT_GROUPS.items() if n_each.keys() <= alone.keys()}
+    return alone | joint
 
 
 def pose_figures(errors: Mapping[str, Sequence[PairError]]) -> dict[str, Any]:
     """Rows of the table that are of pairs of views, under one condition, from the errors by group."""
-    seen = handle_seen(errors["mug"])
-    return {
+    figures: dict[str, Any] = {}
+    for group, own in errors.items():
+        figures |= {
+            group: summarise(own),
+            f"flips, {group}": flip_rate(own),
+            f"nees, {group}": nees_by_bin(own),
+        }
+    seen = handle_seen(errors.get("mug", ()))
+    return figures | {
         "mug, handle seen, 0-30": summarise(seen, 0, 30),
         "mug, handle seen, 60-180": summarise(seen, 60, 180),
-        "mug, handle seen": summarise(seen),
-        "mug, any": summarise(errors["mug"]),
-        "bottle": summarise(errors["bottle"]),
-        "mug + bottle": summarise(errors["mug + bottle"]),
-        "2 mugs + 2 bottles": summarise(errors["2 mugs + 2 bottles"]),
         "flips, mug with handle seen": flip_rate(seen),
-        "flips, bottle": flip_rate(errors["bottle"]),
-        "nees, mug": nees_by_bin(errors["mug"]),
-        "nees, mug + bottle": nees_by_bin(errors["mug + bottle"]),
-        "nees, 2 mugs + 2 bottles": nees_by_bin(errors["2 mugs + 2 bottles"]),
     }
 
 
@@ -139,14 +143,17 @@ def _milliseconds(call: Callable[[], object], repeats: int) -> float:
     return float(np.median(times))
 
 
-def unseen_shapes(meshes: Path | None, n_scenes: int, seed: int = 0) -> dict[str, list[Shape]]:
+def unseen_shapes(
+    meshes: Path | None, n_scenes: int, seed: int = 0, categories: Sequence[str] = CATEGORIES
+) -> dict[str, list[Shape]]:
     """Shapes of the test split, or the user's own.
 
     Raises:
         MeshError: a category has no meshes, or one cannot be used.
+        InputError: no meshes are given, and a category is not simulated.
     """
     if meshes is not None:
-        own = {category: load_meshes(meshes, category) for category in CATEGORIES}
+        own = {category: load_meshes(meshes, category) for category in categories}
         for category, shapes in own.items():
             if len(shapes) < PER_CATEGORY:
                 raise MeshError(
@@ -161,13 +168,15 @@ def unseen_shapes(meshes: Path | None, n_scenes: int, seed: int = 0) -> dict[str
             )
             for i in range(n)
         ]
-        for category in CATEGORIES
+        for category in categories
     }
 
 
-def load_embeddings(folder: Path, descriptors: Path | None = None) -> dict[str, Embedding]:
+def load_embeddings(
+    folder: Path, descriptors: Path | None = None, *, categories: Sequence[str] = CATEGORIES
+) -> dict[str, Embedding]:
     """By category from FOLDER/<category>.safetensors; `descriptors` is the other half of a light variant."""
-    embeddings = {c: load_embedding(folder / f"{c}.safetensors") for c in CATEGORIES}
+    embeddings = {c: load_embedding(folder / f"{c}.safetensors") for c in categories}
     if descriptors is None:
         return embeddings
     return {
@@ -179,7 +188,8 @@ def load_embeddings(folder: Path, descriptors: Path | None = None) -> dict[str, 
 def table(figures: Mapping[str, Any]) -> str:
     """The table, a column a condition, and the consistency of the uncertainties; Markdown."""
     columns = {name: (figures, name) for name in figures if name in USUAL_RANGE}
-    return f"{markdown_table(columns)}\n\n{nees_table(figures)}\n"
+    rows = markdown_table(columns, rows_of(figures["cards"]))
+    return f"{rows}\n\n{nees_table(figures)}\n" if set(figures["cards"]) == set(CATEGORIES) else f"{rows}\n"
 
 
 def main() -> None:
@@ -188,18 +198,19 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--meshes", type=Path, help="folder of DIR/<category>/*.obj|ply|stl")
+    parser.add_argument("--categories", nargs="+", default=CATEGORIES, help="(mug bottle)")
+    parser.add_argument("--meshes", type=Path, help="folder of DIR/<category>/*.obj|ply|stl|glb")
     parser.add_argument("--scenes", type=int, default=120)
     parser.add_argument("--weights", type=Path, default=WEIGHTS, help="folder of other than the shipped ones")
     parser.add_argument("--descriptors", type=Path, help="folder of weights by --recipe light-shape")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    embeddings = load_embeddings(arguments.weights, arguments.descriptors)
-    shapes = unseen_shapes(arguments.meshes, arguments.scenes, arguments.seed)
+    embeddings = load_embeddings(arguments.weights, arguments.descriptors, categories=arguments.categories)
+    shapes = unseen_shapes(arguments.meshes, arguments.scenes, arguments.seed, arguments.categories)
     figures = evaluate(embeddings, shapes, arguments.scenes, arguments.seed)
     figures["scenes"], figures["shapes"] = arguments.scenes, "meshes" if arguments.meshes else "simulated"
-    figures["cards"] = {c: read_card(arguments.weights / f"{c}.safetensors") for c in CATEGORIES}
+    figures["cards"] = {c: read_card(arguments.weights / f"{c}.safetensors") for c in arguments.categories}
     (arguments.out / "embedding.json").write_text(json.dumps(figures, indent=1))
     print(table(figures))
 

@@ -123,7 +123,7 @@ def frame_figures(sightings: Sequence[Sighting]) -> dict[str, dict[str, float]]:
     seen = [s for s in sightings if s.handle > HANDLE_SEEN]
 
     def angles(chosen: Sequence[Sighting], axis: int) -> list[float]:
-        return [_angle(s.code.T_frame_object[:3, axis], s.T_camera_object[:3, axis]) for s in chosen]
+        return [_angle(s.code.T_frame_object[:3, axis], _true_axes(s)[:, axis]) for s in chosen]
 
     shifts_m = [float(np.linalg.norm(s.code.center - s.T_camera_object[:3, 3])) for s in sightings]
     return {
@@ -131,6 +131,12 @@ def frame_figures(sightings: Sequence[Sighting]) -> dict[str, dict[str, float]]:
         "handle_deg": spread(angles(seen, 0)),
         "centre_mm": spread([1e3 * shift_m for shift_m in shifts_m]),
     }
+
+
+def _true_axes(sighting: Sighting) -> Array:
+    """(3, 3) axes of the object, camera frame; of those that look alike the ones nearest to the code."""
+    equivalent = sighting.T_camera_object[:3, :3] @ sighting.shape.symmetry.turns
+    return equivalent[np.einsum("gij,ij->g", equivalent, sighting.code.T_frame_object[:3, :3]).argmax()]
 
 
 def _angle(a: Array, b: Array) -> float:

@@ -17,7 +17,6 @@ COARSE_CELLS = 24  # along each side of the first cube
 MAX_CELLS = 160  # along any side of the fine grid
 MAX_HALF_M = 0.25  # the first cube grows to this where the shape leaves it
 OUTSIDE = -10.0
-CHUNK = 4096  # points at a time: their activations fit the cache
 FAST_BF16 = bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())  # matrix units of the processor
 
 Field = Callable[[Array], np.ndarray]  # logits at points of the object frame
@@ -46,11 +45,10 @@ def decode(network: Network, code: Code, points: Array) -> np.ndarray:
     device = network.device
     z = torch.from_numpy((code.z - code.center) @ code.T_frame_object[:3, :3] / UNIT_M).float().to(device)
     x = torch.from_numpy(np.ascontiguousarray(points / UNIT_M, dtype=np.float32)).to(device)
-    fast = FAST_BF16 or device.type != "cpu"
-    with torch.inference_mode(), torch.autocast(device.type, torch.bfloat16, enabled=fast):
-        parts = [network.decoder(part[None], z.T[None])[0] for part in x.split(CHUNK)]
-        logits = torch.cat(parts) - network.occupancy_logit
-    return logits.float().cpu().numpy()
+    dtype = torch.bfloat16 if FAST_BF16 or device.type != "cpu" else torch.float32
+    with torch.inference_mode():
+        logits = network.decoder.evaluate(x, z.T, dtype) - network.occupancy_logit
+    return logits.cpu().numpy()
 
 
 def _occupied_box(field: Field, code: Code) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Test scenes through the front end in use: two mugs and two bottles from several poses."""
+"""Test scenes through the front end in use: two objects of each category from several poses."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,6 @@ from neuse.simulation.sensor import SensorFaults, apply_faults
 from neuse.simulation.shapes import Shape
 
 PER_CATEGORY = 2
-CATEGORIES = ("mug", "bottle")
 BESIDE_LENS_M = 0.05
 
 
@@ -92,7 +91,7 @@ def draw_sightings(
     for index in range(n_scenes):
         chosen = [
             shapes[category][(PER_CATEGORY * index + i) % len(shapes[category])]
-            for category in CATEGORIES
+            for category in shapes
             for i in range(PER_CATEGORY)
         ]
         arrangement = _arrange(chosen, rng)

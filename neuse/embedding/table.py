@@ -1,7 +1,7 @@
 """The figures of an embedding as one table, beside the bars it is held to."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,8 +51,31 @@ ROWS = (
     Row("encoder, ms an object", ("speed", "encode_ms_per_object"), 6.0),
     Row("decoder, ms for 20 000 points", ("speed", "decode_20k_ms"), 30.0),
 )
+SPEED_ROWS = tuple(row for row in ROWS if row.path[0] == "speed")
 NEES_GROUPS = ("mug", "mug + bottle", "2 mugs + 2 bottles")
 NEES_RANGE = (0.7, 1.5)
+
+
+def rows_of(categories: Collection[str]) -> list[Row]:
+    """The rows that are of these categories: ROWS of mugs and bottles, the same few of any others."""
+    told = [row for row in ROWS if row.category in categories]
+    if told:
+        return [row for row in ROWS if row.category in ("", *categories)]
+    return [row for category in categories for row in _rows_of_other(category)] + list(SPEED_ROWS)
+
+
+def _rows_of_other(category: str) -> list[Row]:
+    frame, shape = f"frame, {category}", f"descriptor, {category}"
+    return [
+        Row(f"{category}: axis in single views, deg", ("*", frame, "axis_deg"), 2.0, category),
+        Row(f"{category}: centre in single views, mm", ("*", frame, "centre_mm"), 5.0, category),
+        Row(f"2.6-3.3 m: {category} axis, deg", (FAR, frame, "axis_deg"), 2.0, category),
+        Row(f"2.6-3.3 m: {category} centre, mm", (FAR, frame, "centre_mm"), 5.0, category),
+        Row(f"descriptor, {category}: equal error rate", ("*", shape, "eer"), 0.04, category),
+        Row(f"{category}: 1-of-8 retrieval", ("*", shape, "retrieval"), 0.95, category, True),
+        Row(f"{category}: IoU", (f"{category} shape", "iou"), 0.90, category, True),
+        Row(f"{category}: surface distance, mm", (f"{category} shape", "surface_mm"), 3.0, category),
+    ]
 
 
 def markdown_table(columns: Mapping[str, tuple[Mapping[str, Any], str]], rows: Sequence[Row] = ROWS) -> str:

@@ -2,6 +2,8 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from neuse.embedding.decoder import CHUNK
+
 from .tiny import CONFIG, make_network
 
 
@@ -44,3 +46,15 @@ def test_occupancy_does_not_change_when_point_and_code_turn_together(decoder, x,
 @torch.no_grad()
 def test_queries_are_decoded_independently(decoder, x, z):
     torch.testing.assert_close(decoder(x[:, 4:5], z), decoder(x, z)[:, 4:5])
+
+
+@pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float32, 1e-5), (torch.bfloat16, 0.03)])
+@torch.no_grad()
+def test_many_points_of_one_code_decode_as_in_a_batch(decoder, z, dtype, tolerance):
+    for parameter in decoder.blocks.parameters():  # of which some are zero before training
+        torch.nn.init.normal_(parameter, std=0.1)
+    x = torch.randn(CHUNK + 10, 3)  # more than one chunk
+    expected = decoder(x[None], z[:1])[0]
+    found = decoder.evaluate(x, z[0], dtype)
+    assert found.dtype == torch.float32
+    assert (found - expected).norm() <= tolerance * expected.norm()

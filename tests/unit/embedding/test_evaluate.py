@@ -3,15 +3,16 @@ import sys
 
 import numpy as np
 import pytest
+import trimesh
 
 from neuse.embedding import evaluate
 from neuse.embedding.card import card_text
 from neuse.embedding.embedding import Embedding, LightEmbedding
 from neuse.embedding.network import Network, save_network
 from neuse.embedding.sightings import Condition
-from neuse.embedding.table import FAR, ROWS, USUAL, lookup
+from neuse.embedding.table import FAR, ROWS, USUAL, lookup, rows_of
 from neuse.errors import InputError, MeshError
-from neuse.simulation.shapes import symmetry_of
+from neuse.simulation.shapes import make_shape, symmetry_of
 
 from .test_paper_encoder import CONFIG as PAPER
 from .tiny import block_bottle, block_mug, make_network
@@ -63,6 +64,31 @@ def test_every_row_of_the_table_has_its_figure(figures):
 def test_pairs_and_single_views_are_counted(figures):
     assert figures[USUAL]["bottle"]["rotation_deg"]["n"] == 1  # the two views of the scene
     assert figures[USUAL]["frame, bottle"]["axis_deg"]["n"] == 4  # two bottles in each
+
+
+@pytest.fixture(scope="module")
+def others():
+    """Figures of bowls and boxes."""
+    cube = trimesh.creation.box((0.08, 0.1, 0.12))
+    shapes = {
+        "bowl": [make_shape("bowl", "bowl", block_bottle().mesh)] * 2,
+        "box": [make_shape("box", "box", cube) for _ in range(2)],
+    }
+    embeddings = {category: Embedding(make_network(category)) for category in shapes}
+    return evaluate.evaluate(embeddings, shapes, 1, conditions=CONDITIONS)
+
+
+def test_other_categories_have_rows_of_their_own(others):
+    rows = rows_of(["bowl", "box"])
+    assert {row.category for row in rows} == {"bowl", "box", ""}
+    for row in rows:
+        assert lookup(others, row.path, USUAL) is not None, row.title
+
+
+def test_lone_box_gives_no_pose_but_a_centre(others):
+    assert others[USUAL]["box"]["rotation_deg"]["n"] == 0
+    assert others[USUAL]["frame, box"]["centre_mm"]["n"] == 4
+    assert others[USUAL]["frame, box"]["axis_deg"]["median"] < 63.0  # the farthest that edges can be
 
 
 def test_same_seed_gives_the_same_figures(figures):
@@ -148,6 +174,7 @@ def test_card_is_of_the_weights_and_their_figures(written, evaluated):
     assert "2 of 10 codes decoded to nothing" in text
     assert "2 mugs + 2 bottles" in text
     assert "bottle: IoU" not in text
+    assert "| symmetry | none: every turn shows" in text
 
 
 def test_card_with_the_figures_of_other_weights_is_refused(written, evaluated):

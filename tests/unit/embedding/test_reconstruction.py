@@ -21,14 +21,14 @@ class AnalyticNetwork:
 
     def __init__(self, signed_distance, threshold=0.0):
         self.signed_distance, self.occupancy_logit = signed_distance, torch.tensor(threshold)
-        self.n_queries = 0
+        self.decoder, self.n_queries = self, 0
 
-    def decoder(self, x, z):
-        self.n_queries += x.shape[1]
-        code = Code("mug", False, z[0].double().numpy().T * UNIT_M, np.empty(0), np.empty(0))
-        points = transform_points(inverse(code.T_frame_object), x[0].double().numpy() * UNIT_M)
+    def evaluate(self, x, z, dtype):
+        self.n_queries += len(x)
+        code = Code("mug", False, z.double().numpy().T * UNIT_M, np.empty(0), np.empty(0))
+        points = transform_points(inverse(code.T_frame_object), x.double().numpy() * UNIT_M)
         logits = -LOGITS_PER_M * self.signed_distance(points) + float(self.occupancy_logit)
-        return torch.tensor(logits, dtype=torch.float32)[None]
+        return torch.tensor(logits, dtype=torch.float32)
 
 
 def cylinder(points, radius, low, high):
