@@ -58,12 +58,12 @@ class Decoder(nn.Module):
             logits.append(torch.maximum(h, floor, out=active) @ to_logit)
         return torch.cat(logits).float() + self.to_logit.bias + self.to_logit.weight[0] @ bias
 
-    def _remembering_biases(self, dtype: torch.dtype) -> tuple[list[tuple[Tensor, ...]], Tensor]:
-        """Of each block -b, W_inner^T, b_inner + W_inner b and W_outer^T, where b is what h lacks; its last b."""
+    def _remembering_biases(self, dtype: torch.dtype) -> tuple[list[list[Tensor]], Tensor]:
+        """Each block's -b, W_inner^T, b_inner + W_inner b and W_outer^T, where h lacks b; what it lacks last."""
         blocks, bias = [], torch.zeros_like(self.of_invariants.bias)
         for block in self.blocks:
-            inner, outer = block.inner, block.outer
-            weights = (-bias, inner.weight.T, inner(bias), outer.weight.T)
-            blocks.append(tuple(weight.to(dtype) for weight in weights))
-            bias = bias + outer.bias
+            assert isinstance(block, ResnetBlockFC)
+            weights = (-bias, block.inner.weight.T, block.inner(bias), block.outer.weight.T)
+            blocks.append([weight.to(dtype) for weight in weights])
+            bias = bias + block.outer.bias
         return blocks, bias
