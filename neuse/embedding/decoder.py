@@ -59,7 +59,7 @@ class Decoder(nn.Module):
         return torch.cat(logits).float() + self.to_logit.bias + self.to_logit.weight[0] @ bias
 
     def _remembering_biases(self, dtype: torch.dtype) -> tuple[list[list[Tensor]], Tensor]:
-        """Each block's -b, W_inner^T, b_inner + W_inner b and W_outer^T, where h lacks b; the b at the end."""
+        """Each block's -b, W_inner^T, b_inner + W_inner b and W_outer^T, where h lacks b; the last b."""
         blocks, bias = [], torch.zeros_like(self.of_invariants.bias)
         for block in self.blocks:
             assert isinstance(block, ResnetBlockFC)
