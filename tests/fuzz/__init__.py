@@ -1,1 +1,1 @@
-"""Malformed input for everything that reads: messages, files, parameters, services.  python tests/fuzz --help"""
+"""Malformed input for everything that reads: messages, files, parameters, services; see __main__.py."""

@@ -20,7 +20,6 @@ from nodes import samples
 
 from neuse.embedding.embedding import Embedding, load_embedding
 from neuse.embedding.network import save_network
-from neuse.errors import InputError
 from neuse.mapping.mapper import ObjectMapper
 from neuse.records import RgbdFrame
 from neuse.simulation.meshes import load_meshes
@@ -52,7 +51,9 @@ def file_targets(folder: Path) -> Iterator[Target]:
     yield from _bag_targets(folder)
     yield from _layout_targets(folder)
     yield from _mesh_targets(folder)
-    yield Target("remap table", spoiled_text("/a/b: /depth/image\n/c: /segmentation/mask\n"), _read_table(folder))
+    yield Target(
+        "remap table", spoiled_text("/a/b: /depth/image\n/c: /segmentation/mask\n"), _read_table(folder)
+    )
 
 
 def _map_targets(folder: Path) -> Iterator[Target]:
@@ -110,12 +111,16 @@ def _weights_targets(folder: Path) -> Iterator[Target]:
         return len(text).to_bytes(8, "little") + text + whole[end:]
 
     def described(entry: Mapping[str, Any]) -> bytes:
-        metadata = {str(name): text if isinstance(text, str) else json.dumps(text) for name, text in entry.items()}
+        metadata = {
+            str(name): text if isinstance(text, str) else json.dumps(text) for name, text in entry.items()
+        }
         return safetensors.torch.save(tensors, metadata)
 
     metadata = {name: _decoded(text) for name, text in header["__metadata__"].items()}
     yield Target("weights, bytes", spoiled_bytes(whole), _at(folder / "bytes.safetensors", read))
-    yield Target("weights, header", spoiled_json(header).map(headed), _at(folder / "header.safetensors", read))
+    yield Target(
+        "weights, header", spoiled_json(header).map(headed), _at(folder / "header.safetensors", read)
+    )
     objects = spoiled_json(metadata).filter(lambda content: isinstance(content, dict))
     yield Target("weights, metadata", objects.map(described), _at(folder / "metadata.safetensors", read))
 
@@ -212,9 +217,9 @@ def make_plain(path: Path) -> Path:
     """The plain layout, made of the pictures of another."""
     source = make_tum(path.with_name("pictures"))
     path.mkdir(exist_ok=True)
-    for kind in ("depth", "masks", "rgb"):
+    for kind, name in (("depth", "depth"), ("masks", "mask"), ("rgb", "color")):
         picture = sorted((source / kind).glob("*.png"))[0]
-        shutil.copy(picture, path / f"00_{dict(depth='depth', masks='mask', rgb='color')[kind]}.png")
+        shutil.copy(picture, path / f"00_{name}.png")
     camera = json.loads((source / "camera.json").read_text())
     instances = [{"id": 1, "category": "mug", "score": 0.5}, {"id": 2, "category": "bottle"}]
     frames = [{"frame": 0, "stamp_s": 1.5, "instances": instances}]

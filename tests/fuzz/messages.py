@@ -92,7 +92,9 @@ def mug_frame() -> RgbdFrame:
 def _slam_targets() -> Iterator[Target]:
     steps = list(small_world().steps())[:4]
     observed = encoder.observed_frame_to_msg(steps[2].frame, "camera")
-    odometry = bag_conversions.odometry_to_msg(steps[2].frame.stamp_ns, steps[2].odometry.T_odom_camera, "odom")
+    odometry = bag_conversions.odometry_to_msg(
+        steps[2].frame.stamp_ns, steps[2].odometry.T_odom_camera, "odom"
+    )
     edge = replace(samples.edge(), from_stamp_ns=steps[0].frame.stamp_ns, to_stamp_ns=steps[2].frame.stamp_ns)
 
     def tracking(act: Callable[[ObjectSlam, Any], None]) -> Callable[[Any], None]:
@@ -189,7 +191,10 @@ def _mapper_targets() -> Iterator[Target]:
         stage.finalize()
         assert_sound(stage.object_map)
 
-    sound = slam.tracked_frame_to_msg(frame, "map", "camera"), slam.keyframes_to_msg(keyframes, frame.stamp_ns, "map")
+    sound = (
+        slam.tracked_frame_to_msg(frame, "map", "camera"),
+        slam.keyframes_to_msg(keyframes, frame.stamp_ns, "map"),
+    )
     yield Target("neuse/frames", spoiled_messages(sound[0]), lambda message: mapping(message, sound[1]))
     yield Target("neuse/keyframes", spoiled_messages(sound[1]), lambda message: mapping(sound[0], message))
     known = mapper.object_map_to_msg(samples.object_map(), "map")

@@ -1,7 +1,8 @@
-"""Parameters of the nodes, and requests to the services of mapper_node, which all nodes' services stand for."""
+"""Parameters of the nodes, and requests to the services of mapper_node, which stands for all nodes."""
 
 import os
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -40,11 +41,17 @@ def service_targets(folder: Path) -> Iterator[Target]:
     fifo = folder / "fifo"
     if not fifo.exists():
         os.mkfifo(fifo)
-    known = st.sampled_from(["", ".", "/", "/proc/1/x", "a/b", "a" * 5000, str(folder), str(fifo), "/dev/full"])
+    known = st.sampled_from(
+        ["", ".", "/", "/proc/1/x", "a/b", "a" * 5000, str(folder), str(fifo), "/dev/full"]
+    )
     paths = known | TEXTS.filter(lambda text: "/" not in text)
     yield Target("~/save_map", paths, _asking(node, SaveMap, folder))
     yield Target("~/load_map", paths, _asking(node, LoadMap, folder))
-    yield Target("~/set_parameters", st.tuples(st.sampled_from(list(flatten(MapperNodeParams()))), _alike()), _setting(node))
+    yield Target(
+        "~/set_parameters",
+        st.tuples(st.sampled_from(list(flatten(MapperNodeParams()))), _alike()),
+        _setting(node),
+    )
     yield Target("~/change_state", st.tuples(st.integers(0, 255), TEXTS), _changing(node))
 
 
@@ -84,8 +91,8 @@ def _asking(node: MapperNode, kind: type, folder: Path) -> Callable[[str], None]
     objects = len(node._mapper.object_map.objects)
 
     def read(path: str) -> None:
-        os.chdir(folder)
-        response = service.callback(kind.Request(path=path), kind.Response())
+        with _inside(folder):
+            response = service.callback(kind.Request(path=path), kind.Response())
         assert response.message
         assert len(node._mapper.object_map.objects) == objects
         if not response.success:
@@ -94,13 +101,26 @@ def _asking(node: MapperNode, kind: type, folder: Path) -> Callable[[str], None]
     return read
 
 
+@contextmanager
+def _inside(folder: Path) -> Iterator[None]:
+    """Relative paths lie in the folder."""
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)
+
+
 def _setting(node: MapperNode) -> Callable[[tuple[str, Any]], None]:
     """A working node takes no parameter."""
 
     def read(given: tuple[str, Any]) -> None:
         name, value = given
         try:
-            parameter = Parameter(name, value=list(value) if isinstance(value, tuple) else value).to_parameter_msg()
+            parameter = Parameter(
+                name, value=list(value) if isinstance(value, tuple) else value
+            ).to_parameter_msg()
         except (TypeError, OverflowError, AssertionError) as error:  # no message can say this
             raise ParamError(str(error)) from error
         assert parameter.value.type != ParameterType.PARAMETER_NOT_SET
@@ -114,15 +134,21 @@ def _setting(node: MapperNode) -> Callable[[tuple[str, Any]], None]:
 
 
 def _changing(node: MapperNode) -> Callable[[tuple[int, str]], None]:
-    """Transitions that the inactive node does not have are refused; the others are none of malformed input."""
-    known = {Transition.TRANSITION_CLEANUP, Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_INACTIVE_SHUTDOWN}
+    """Transitions that the inactive node does not have are refused; the others are no malformed input."""
+    known = {
+        Transition.TRANSITION_CLEANUP,
+        Transition.TRANSITION_ACTIVATE,
+        Transition.TRANSITION_INACTIVE_SHUTDOWN,
+    }
 
     def read(given: tuple[int, str]) -> None:
         number, label = given
         if number in known:
             return
         transition = Transition(id=number)
-        response = node._service_change_state.callback(ChangeState.Request(transition=transition), ChangeState.Response())
+        response = node._service_change_state.callback(
+            ChangeState.Request(transition=transition), ChangeState.Response()
+        )
         assert not response.success
         raise ParamError(f"no transition {number} {label!r}")
 

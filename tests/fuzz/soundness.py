@@ -45,7 +45,7 @@ def _check_kind(record: Any, name: str) -> None:
             k = len(record.z)
             assert record.z.shape == (k, 3), f"{name}.z is no (k, 3)"
             assert record.descriptor.shape == (k,), f"{name}.descriptor is no (k,)"
-            assert k % 2 == 0 and k >= 4, f"{name} has k = {k}"
+            assert k in range(4, 4096, 2), f"{name} has k = {k}"
             assert (record.sigmas > 0).all(), f"{name}.sigmas are not positive"
             assert abs(record.height_correlation) <= 1, f"{name}.height_correlation is none"
             assert record.category, f"{name} has no category"

@@ -13,11 +13,13 @@ FLOATS = st.sampled_from(
     [float("nan"), float("inf"), float("-inf"), 0.0, -1.0, 2.0, 1e-300, 1e9, 1e300, -1e300, 5e-324]
 ) | st.floats(width=32)
 INTEGERS = st.sampled_from([0, 1, 2, 3, 7, 255, 256, 65535, 2**31 - 1, 2**32 - 1, 2**63 - 1, -1, -(2**31)])
-TEXTS = st.sampled_from(["", " ", "mug\x00", "../mug", "é" * 300, "16UC1", "32FC1", "8UC3", "mono8"]) | st.text(
-    max_size=20
-)
+TEXTS = st.sampled_from(
+    ["", " ", "mug\x00", "../mug", "é" * 300, "16UC1", "32FC1", "8UC3", "mono8"]
+) | st.text(max_size=20)
 LENGTHS = st.sampled_from([0, 1, 2, 3, 5, 7, 240, 1000])
-Change = tuple[tuple[str | int, ...], Any, int]  # where, a value for each kind of field, which place of arrays
+Change = tuple[
+    tuple[str | int, ...], Any, int
+]  # where, a value for each kind of field, which place of arrays
 
 
 def spoiled_messages(message: Any) -> st.SearchStrategy[Any]:
@@ -151,7 +153,11 @@ def spoiled_json(content: Any) -> st.SearchStrategy[Any]:
 
 def _entries(content: Any, path: tuple[str | int, ...]) -> Iterator[tuple[str | int, ...]]:
     yield path
-    inner = content.items() if isinstance(content, dict) else enumerate(content if isinstance(content, list) else [])
+    inner = (
+        content.items()
+        if isinstance(content, dict)
+        else enumerate(content if isinstance(content, list) else [])
+    )
     for key, value in inner:
         yield from _entries(value, (*path, key))
 
@@ -167,7 +173,10 @@ def _replaced(content: Any, path: tuple[str | int, ...], value: Any, dropped: bo
         return value
     copy = content.copy() if isinstance(content, dict | list) else content
     key = path[0]
-    if not (isinstance(copy, dict) and key in copy or isinstance(copy, list) and isinstance(key, int) and key < len(copy)):
+    if not (
+        (isinstance(copy, dict) and key in copy)
+        or (isinstance(copy, list) and isinstance(key, int) and key < len(copy))
+    ):
         return copy  # another change has replaced what was here
     if len(path) == 1 and dropped:
         del copy[key]
@@ -179,7 +188,9 @@ def _replaced(content: Any, path: tuple[str | int, ...], value: Any, dropped: bo
 def spoiled_text(text: str) -> st.SearchStrategy[str]:
     """A text with some of its words replaced or left out."""
     words = text.split(" ")
-    odd = st.sampled_from(["", "nan", "inf", "-1", "1e999", "x", "\n", "\n\n", "#", "0", "9" * 400]) | st.text(max_size=8)
+    odd = st.sampled_from(
+        ["", "nan", "inf", "-1", "1e999", "x", "\n", "\n\n", "#", "0", "9" * 400]
+    ) | st.text(max_size=8)
     changes = st.lists(st.tuples(st.integers(0, len(words) - 1), odd), min_size=1, max_size=3)
 
     def spoil(chosen: Sequence[tuple[int, str]]) -> str:

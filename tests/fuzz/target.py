@@ -33,7 +33,8 @@ class Target:
             try:
                 self.read(given)
             except NeuseError as error:
-                assert str(error).strip(), f"{type(error).__name__} without a message"
+                if not str(error).strip():
+                    raise AssertionError("an error without a message") from error
                 return REFUSED
         return HARMLESS
 

@@ -58,6 +58,12 @@ class Peer:
             self._executor.spin_once(timeout_sec=0.05)
         return value
 
+    def spin(self, seconds: float) -> None:
+        """Listen for so long."""
+        end_s = time.monotonic() + seconds
+        while time.monotonic() < end_s:
+            self._executor.spin_once(timeout_sec=0.05)
+
     def wait_for_stamp(self, topic: str, stamp_ns: int) -> Any:
         """The message of this stamp."""
         return self.wait_for(

@@ -1,0 +1,103 @@
+"""The graph under faults: messages lost and out of order, odometry that jumps, clocks that go back, kill -9.
+
+All runs go through one pair of processes; stamps go back from run to run, as those of a bag that is looped.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from rclpy.node import Node
+from slam.synthetic import Step, large_world, small_world
+from wandering import Graph, assert_map_is_true, messages_of, prepared, start_graph, start_mapper
+
+from neuse.geometry import exp
+from neuse.records import ObjectMap
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+LOST, LATE_S = 0.05, 0.2
+
+
+@pytest.fixture(scope="module")
+def graph(node: Node, start_node) -> Graph:
+    return start_graph(node, start_node)
+
+
+def final_map(graph: Graph, steps: list[Step]) -> ObjectMap:
+    """The map after these steps."""
+    graph.send(messages_of(steps))
+    return graph.map_at(steps[-1].frame.stamp_ns)
+
+
+def unreliable(messages: list[tuple[str, Any]], steps_s: float, seed: int) -> list[tuple[str, Any]]:
+    """The messages as a bad network brings them: some not at all, others late."""
+    rng = np.random.default_rng(seed)
+    sent_s = np.arange(len(messages)) // 2 * steps_s + rng.uniform(0.0, LATE_S, len(messages))
+    kept = rng.random(len(messages)) >= LOST
+    return [messages[i] for i in np.argsort(sent_s, kind="stable") if kept[i]]
+
+
+def test_lost_and_late_messages_are_counted_and_the_map_is_right(graph: Graph):
+    world = small_world()
+    steps = prepared(world.steps(), run=0)
+    middle = unreliable(messages_of(steps[1:-20]), 0.1, seed=3)
+    graph.send([*messages_of(steps[:1]), *middle])
+    assert_map_is_true(final_map(graph, steps[-20:]), world.things, steps[0].T_world_camera)
+    graph.wait_for_count("slam_node", "stale_stamp", 10)
+
+
+def test_clock_that_goes_back_begins_a_new_map(graph: Graph):
+    world = small_world(seed=1)
+    steps = prepared(world.steps(), run=1)
+    found = final_map(graph, steps)
+    assert_map_is_true(found, world.things, steps[0].T_world_camera)
+    assert min(known.object_id for known in found.objects) == 0
+    assert min(known.first_seen_ns for known in found.objects) >= steps[0].frame.stamp_ns
+    graph.wait_for_count("slam_node", "time_jump")
+    graph.wait_for_count("mapper_node", "time_jump")
+
+
+def test_odometry_that_jumps_by_metres_is_counted_and_the_map_is_right(graph: Graph):
+    world = small_world()
+    steps = prepared(world.steps(), run=2)
+    for start in (40, 90, 91):
+        T = exp([0.5, -0.2, 1.0, 4.0, -7.0, 2.0])
+        steps[start:] = [jumped(step, T) for step in steps[start:]]
+    assert_map_is_true(final_map(graph, steps), world.things, steps[0].T_world_camera)
+    graph.wait_for_count("slam_node", "odometry_jump", 3)
+
+
+def jumped(step: Step, T: Any) -> Step:
+    odometry = replace(step.odometry, T_odom_camera=T @ step.odometry.T_odom_camera)
+    return replace(step, odometry=odometry)
+
+
+def test_mapper_that_is_killed_and_started_again_has_the_whole_map_within_seconds(graph: Graph, start_node):
+    steps = prepared(large_world().steps(), run=3)
+    before = final_map(graph, steps[:200])
+    in_sight = {name for step in steps[200:230] for name in step.names}
+    assert len(before.objects) > 2 * len(in_sight)
+    graph.mapper.process.kill()
+    graph.send(messages_of(steps[200:210]))
+    graph.mapper = start_mapper(start_node)
+    used = resume(graph, steps[210:300])
+    after = final_map(graph, steps[210 + used : 220 + used])
+    known = {item.object_id: item for item in after.objects}
+    assert known.keys() >= {item.object_id for item in before.objects}
+    for item in before.objects:
+        np.testing.assert_allclose(known[item.object_id].code.center, item.code.center, atol=0.05)
+        assert known[item.object_id].first_seen_ns == item.first_seen_ns
+
+
+def resume(graph: Graph, steps: list[Step]) -> int:
+    """Send steps until the graph is whole again, which shows by a new map; how many steps that took."""
+    maps = graph.peer.heard["neuse/map"]
+    before = len(maps)
+    for used, step in enumerate(steps, start=1):
+        graph.send(messages_of([step]))
+        graph.peer.spin(0.3)
+        if len(maps) > before:
+            return used
+    raise AssertionError(f"no map within {len(steps)} steps")
