@@ -61,7 +61,7 @@ class BagWriter:
     """Writes one .mcap file; as a context manager it closes the file whole, whatever happens inside.
 
     Raises:
-        BagError: the path does not end in .mcap or cannot be written.
+        BagError: the path does not end in .mcap or cannot be written, now or later: a disk may get full.
     """
 
     def __init__(self, path: Path) -> None:
@@ -89,9 +89,21 @@ class BagWriter:
 
     def close(self) -> None:
         """Flush the last chunk, write the index and close the file."""
-        if not self._stream.closed:
-            self._writer.finish()
-            self._stream.close()
+        if self._stream.closed:
+            return
+        with self._writing():
+            try:
+                self._writer.finish()
+            finally:
+                self._stream.close()
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            told = f"{self.path} cannot be written any further: {error.strerror}; make room, and save what"
+            raise BagError(f"{told} was written before with `mcap recover`") from error
 
     def add_topic(self, name: str, type_name: str, qos: Collection[QoSProfile]) -> None:
         """Declare a topic; needed once before its first message."""
@@ -107,7 +119,8 @@ class BagWriter:
 
     def write_raw(self, topic: str, data: bytes, stamp_ns: int) -> None:
         """Append CDR bytes to a declared topic."""
-        self._writer.add_message(self._channel_ids[topic], stamp_ns, data, stamp_ns, self.counts[topic])
+        with self._writing():
+            self._writer.add_message(self._channel_ids[topic], stamp_ns, data, stamp_ns, self.counts[topic])
         self.counts[topic] += 1
 
     def write(self, topic: str, message: Any, stamp_ns: int) -> None:

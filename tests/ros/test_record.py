@@ -1,5 +1,6 @@
 """The recorder as a process of its own, fed over DDS."""
 
+import os
 import signal
 import subprocess
 import time
@@ -118,3 +119,20 @@ def test_default_choice_is_what_the_nodes_put_out_and_sigterm_ends_it_whole(
     with BagReader(tmp_path / "default.mcap") as bag:
         assert bag.topics["/robot/neuse/map"].n_messages == 1
         assert not {"/early", "/other", "/unsure"} & bag.topics.keys()
+
+
+def test_full_disk_ends_the_recorder_with_one_line(
+    session: Session, node: Node, start_bags, tmp_path: Path
+) -> None:
+    full = tmp_path / "full.mcap"
+    full.symlink_to("/dev/full")
+    texts = node.create_publisher(String, "texts", 100)
+    process = start_bags("record", "--out", full, "--overwrite", "texts")
+    _wait_for_recorder(texts)
+    for _ in range(12):
+        texts.publish(String(data=os.urandom(2**19).hex()))
+    _, errors = process.communicate(timeout=WAIT_S)
+    assert process.returncode == 2
+    assert "No space left on device" in errors
+    assert "mcap recover" in errors
+    assert "Traceback" not in errors

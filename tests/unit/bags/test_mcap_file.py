@@ -1,3 +1,4 @@
+import os
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader, StoragePlugin
 from rosbags.rosbag2 import Writer as FolderWriter
 from rosbags.typesys import Stores, get_typestore
+from std_msgs.msg import String
 
 from neuse.errors import BagError
 from neuse_bags import topics
@@ -190,3 +192,20 @@ def test_bag_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     (tmp_path / "taken.mcap").mkdir()
     with pytest.raises(BagError, match="cannot be written"):
         BagWriter(tmp_path / "taken.mcap")
+
+
+def _write_texts(writer: BagWriter, mebibytes: int) -> None:
+    for stamp_ns in range(mebibytes):
+        writer.write("/text", String(data=os.urandom(2**19).hex()), stamp_ns)
+
+
+def test_full_disk_is_told_with_the_way_to_what_was_saved(tmp_path: Path) -> None:
+    full = tmp_path / "full.mcap"
+    full.symlink_to("/dev/full")  # where every write finds no space
+    writer = BagWriter(full)
+    writer.add_topic("/text", "std_msgs/msg/String", [RELIABLE])
+    with pytest.raises(BagError, match=r"full\.mcap .*No space left on device; .*`mcap recover`"):
+        _write_texts(writer, mebibytes=10)
+    with pytest.raises(BagError, match="No space left"):
+        writer.close()
+    writer.close()
