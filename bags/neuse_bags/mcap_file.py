@@ -16,6 +16,7 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefiniti
 from rosbags.rosbag2 import Reader
 
 from neuse.errors import BagError
+from neuse_bags.chunks import check_chunks
 from neuse_bags.definitions import is_installed_alike, message_class, message_definition
 from neuse_bags.qos import qos_from_rosbags, qos_to_yaml
 
@@ -138,6 +139,7 @@ class BagReader:
     def __init__(self, path: Path) -> None:
         self.path = path
         with _reading(path):
+            check_chunks(path)
             self._reader = Reader(path)
             self._reader.open()
         self.topics = {topic.name: topic for topic in map(_bag_topic, self._reader.connections)}
