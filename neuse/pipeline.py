@@ -27,12 +27,15 @@ class PipelineParams:
 
 @dataclass(frozen=True)
 class PipelineResult:
-    """What one frame led to."""
+    """What one frame led to. mapped: frames that entered the map: this one, or none and later many while the
+    session joins a saved map.
+    """
 
     observed: ObservedFrame
     tracked: TrackedFrame
     changes: tuple[ObjectChange, ...]
     stage_ms: dict[str, float]
+    mapped: tuple[TrackedFrame, ...] = ()
 
 
 class Pipeline:
@@ -74,7 +77,8 @@ class Pipeline:
             self.slam.apply_change(change)
         tracked = self.slam.step(observed, odometry)
         localised = time.perf_counter()
-        changes = self._map(self.joiner.follow(tracked))
+        mapped_frames = self.joiner.follow(tracked)
+        changes = self._map(mapped_frames)
         for change in changes:
             self._feedback.add(change)
         mapped = time.perf_counter()
@@ -83,7 +87,7 @@ class Pipeline:
             **self.slam.stopwatch.stage_ms,
             "map": 1e3 * (mapped - localised),
         }
-        return PipelineResult(observed, tracked, changes, stage_ms)
+        return PipelineResult(observed, tracked, changes, stage_ms, tuple(mapped_frames))
 
     def _map(self, frames: Sequence[TrackedFrame]) -> tuple[ObjectChange, ...]:
         """Take frames into the map, none or many while the session joins a saved one; what has changed."""

@@ -63,22 +63,19 @@ class Joiner:
         self.is_waiting = bool(self._prior) or self.params.wait_for_map
         self._count_ids(self._prior.next_id if self._prior else 0)
 
-    def offer(self, prior: PriorMap) -> None:
-        """There is a map to join, or there is none any more.
+    def offer(self, prior: PriorMap) -> bool:
+        """There is a map to join, or there is none any more; whether the session begins anew for it.
 
-        A session that is in it already learns what is new in it; any other begins anew.
+        A session that is in the map already learns what is new in it.
         """
         self._prior = prior if len(prior) else None
-        if self._prior is None:
-            if self.is_waiting and not self.params.wait_for_map:
-                self.begin()
-        elif self.is_waiting:
-            if not self._slam.places().keys().isdisjoint(prior.codes):
-                self.begin()
-        elif self._is_inside(prior):
+        if not self.is_waiting and (self._prior is None or self._is_inside(prior)):
             self._slam.learn(prior)
-        else:
-            self.begin()
+            return False
+        if self.is_waiting and self._prior is not None and self._slam.places().keys().isdisjoint(prior.codes):
+            return False
+        self.begin()
+        return True
 
     def follow(self, frame: TrackedFrame) -> list[TrackedFrame]:
         """Take in the frame that SLAM has just made; the frames that may go out now, in order."""
@@ -94,7 +91,8 @@ class Joiner:
             return []
         renamed = self._slam.join(self._prior, place)
         self.is_waiting = False
-        out = [moved(held, place.T_map_session, renamed) for held in self._held]
+        T_map_camera = dict(self._slam.trajectory())
+        out = [moved(held, T_map_camera[held.stamp_ns], renamed) for held in self._held]
         self._held.clear()
         return [*out[:-1], replace(out[-1], loop_closed=True)]
 
@@ -112,11 +110,11 @@ class Joiner:
         self._slam.count_ids(first, params.sessions)
 
 
-def moved(frame: TrackedFrame, T_map_session: Array, renamed: Mapping[int, int]) -> TrackedFrame:
-    """A frame of a session in the map that the session has joined."""
+def moved(frame: TrackedFrame, T_map_camera: Array, renamed: Mapping[int, int]) -> TrackedFrame:
+    """A frame of a session where it lies in the map that the session has joined."""
     return replace(
         frame,
-        T_map_camera=T_map_session @ frame.T_map_camera,
+        T_map_camera=T_map_camera,
         observations=tuple(_renamed(tracked, renamed) for tracked in frame.observations),
         edges=tuple(_renamed_edge(edge, renamed) for edge in frame.edges),
     )

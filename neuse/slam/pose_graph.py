@@ -69,9 +69,9 @@ class PoseGraph:
         Edges and sightings are relative, so that they stay as they are.
         """
         factors = self._isam.getFactorsUnsafe()
-        for i in range(factors.size()):
-            if factors.exists(i) and factors.at(i).size() > 1:
-                self._new_factors.add(factors.at(i))
+        for factor in (factors.at(i) for i in range(factors.size()) if factors.exists(i)):
+            if not isinstance(factor, gtsam.PriorFactorPose3 | gtsam.PriorFactorPoint3):
+                self._new_factors.add(factor)
         self._new_values.insert(_moved(T_map_graph, self._isam.calculateEstimate()))
         self._isam = gtsam.ISAM2(_isam_params(self.params))
 
@@ -282,14 +282,15 @@ def _robust(noise: gtsam.noiseModel.Base, cauchy_sigmas: float) -> gtsam.noiseMo
 
 
 def _moved(T_map_graph: Array, values: gtsam.Values) -> gtsam.Values:
-    """The poses and points of a solution in another frame."""
+    """A solution in another frame."""
     moved, pose_map_graph = gtsam.Values(), gtsam.Pose3(renormalized(T_map_graph))
     for key in values.keys():  # noqa: SIM118
-        if gtsam.Symbol(key).chr() == ord("x"):
+        kind = chr(gtsam.Symbol(key).chr())
+        if kind == POSE:
             moved.insert(key, pose_map_graph.compose(values.atPose3(key)))
-        elif gtsam.Symbol(key).chr() == ord(VELOCITY):
-            moved.insert(key, pose_map_graph.rotation().rotate(values.atPoint3(key)))
-        elif gtsam.Symbol(key).chr() == ord(BIAS):
+        elif kind == VELOCITY:
+            moved.insert(key, pose_map_graph.rotation().rotate(values.atVector(key)))
+        elif kind == BIAS:
             moved.insert(key, values.atConstantBias(key))
         else:
             moved.insert(key, pose_map_graph.transformFrom(values.atPoint3(key)))
