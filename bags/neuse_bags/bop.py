@@ -19,6 +19,7 @@ import numpy as np
 from neuse.errors import InputError
 from neuse.geometry import inverse, make_transform
 from neuse.records import Instance, Intrinsics, RgbdFrame
+from neuse.slam.checks import is_rigid
 from neuse_bags.folder import FIRST_STAMP_NS
 from neuse_bags.pictures import (
     COLOR_KINDS,
@@ -30,6 +31,8 @@ from neuse_bags.pictures import (
     read_json,
     read_picture,
 )
+from neuse_bags.trajectory_files import LATEST_NS
+from neuse_slam_node.poses import FARTHEST_M
 
 MARK = "scene_camera.json"
 RATE_HZ = 30.0
@@ -63,14 +66,14 @@ class BopScene:
         return [pose for pose in poses if pose is not None]
 
     def _frame(self, key: str) -> RgbdFrame:
-        name = f"{int(key):06d}"
+        stamp_ns, name = self._stamp_ns(key), f"{int(key):06d}"
         depth = read_picture(self.path / "depth" / f"{name}.png", None, DEPTH_KINDS, MARK)
         height, width = depth.shape
         intrinsics, scale_m = _camera(self.cameras[key], key, (width, height), self.path / MARK)
         mask, instances = self._segmentation(key, name, (width, height))
         color = next((self.path / "rgb").glob(f"{name}.*"), None)
         return RgbdFrame(
-            stamp_ns=self._stamp_ns(key),
+            stamp_ns=stamp_ns,
             depth_m=(depth * scale_m).astype(np.float32),
             mask=mask,
             instances=instances,
@@ -105,13 +108,19 @@ class BopScene:
         try:
             R = np.array(camera["cam_R_w2c"], dtype=np.float64).reshape(3, 3)
             T_camera_world = make_transform(R, np.array(camera["cam_t_w2c"], dtype=np.float64) * 1e-3)
-        except ValueError as error:
+            if not is_rigid(T_camera_world) or np.abs(T_camera_world).max() >= FARTHEST_M:
+                raise ValueError("not rigid")
+        except (ValueError, TypeError) as error:
             told = f"{self.path / MARK}: cam_R_w2c or cam_t_w2c of picture {key} is no pose ({error})"
             raise InputError("scene_camera", f"{told}; write 9 and 3 numbers") from error
         return self._stamp_ns(key), inverse(T_camera_world)
 
     def _stamp_ns(self, key: str) -> int:
-        return FIRST_STAMP_NS + round(int(key) / self.rate_hz * 1e9)
+        stamp_s = int(key) / self.rate_hz if len(key) < 20 else np.inf
+        if stamp_s * 1e9 >= LATEST_NS - FIRST_STAMP_NS:
+            told = f"{self.path / MARK} has picture {key[:20]}; number them from 0, in order of time"
+            raise InputError("scene_camera", told)
+        return FIRST_STAMP_NS + round(stamp_s * 1e9)
 
 
 def open_bop(path: Path) -> FrameSource:

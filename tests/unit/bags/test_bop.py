@@ -73,6 +73,12 @@ def _camera(**changes: object):
         ("scene_camera.json", _camera(depth_scale=None), "lacks 'depth_scale' of picture 1; write"),
         ("scene_camera.json", _camera(depth_scale=0), "depth_scale 0 in picture 1; all must be above zero"),
         ("scene_camera.json", _camera(cam_R_w2c=[1], cam_t_w2c=[1]), "picture 1 is no pose.*; write 9 and 3"),
+        (
+            "scene_camera.json",
+            _camera(cam_R_w2c=[2, 0, 0, 0, 1, 0, 0, 0, 1], cam_t_w2c=[1, 2, 3]),
+            "picture 1 is no pose .*not rigid",
+        ),
+        ("scene_camera.json", {"9" * 30: _camera()["1"]}, "has picture 99999999999999999999; number them"),
         ("scene_gt.json", None, r"scene_gt\.json cannot be read"),
         ("scene_gt.json", {"10": []}, r"scene_gt\.json lacks '1' of picture 1; write"),
         ("scene_gt.json", {"1": [{"obj": 1}]}, r"scene_gt\.json lacks 'obj_id' of picture 1"),
