@@ -2,6 +2,7 @@
 
 import json
 import os
+import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +18,7 @@ from neuse.records import Instance, Intrinsics, RgbdFrame
 DEPTH_KINDS = (np.uint16,)
 MASK_KINDS = (np.uint8, np.uint16)
 COLOR_KINDS = (np.uint8,)
+MOST_PIXELS = 2**26
 Poses = list[tuple[int, Array]]
 
 
@@ -54,6 +56,7 @@ def read_picture(
     """
     if not os.path.isfile(path):  # which takes names that no file can have
         raise InputError("missing_picture", f"{path} does not exist; {asked_by} asks for it")
+    _check_png_size(path, 4 * size[0] * size[1] if size else MOST_PIXELS)
     colored = kinds is COLOR_KINDS
     pixels = cv2.imread(str(path), cv2.IMREAD_COLOR if colored else cv2.IMREAD_UNCHANGED)
     if pixels is None:
@@ -67,6 +70,17 @@ def read_picture(
             f"{3 if colored else 1} channel(s) of {wanted} bit",
         )
     return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB) if colored else pixels
+
+
+def _check_png_size(path: Path, most_pixels: int) -> None:
+    """Raises InputError for a PNG that claims a size which would only take memory."""
+    with path.open("rb") as file:
+        head = file.read(24)
+    if head.startswith(b"\x89PNG") and len(head) == 24:
+        width, height = struct.unpack(">II", head[16:])
+        if width * height > most_pixels:
+            told = f"{path} claims to be {width} x {height} pixels"
+            raise InputError("unequal_size", f"{told}, which is far too large; export it again")
 
 
 def read_json(path: Path, example: str) -> dict[str, Any]:

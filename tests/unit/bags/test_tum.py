@@ -124,6 +124,15 @@ def test_list_that_cannot_be_read_is_told(tum: Path) -> None:
         open_tum(tum)
 
 
+def test_picture_that_claims_an_absurd_size_is_refused_before_memory_is_taken(tum: Path) -> None:
+    picture = tum / "depth" / f"{STAMPS_S[0]}.png"
+    data = bytearray(picture.read_bytes())
+    data[16:24] = bytes([0, 1, 0, 0, 0, 1, 0, 0])  # 65536 x 65536
+    picture.write_bytes(data)
+    with pytest.raises(InputError, match="claims to be 65536 x 65536 pixels"):
+        list(open_tum(tum).frames())
+
+
 def test_depth_of_eight_bits_is_refused(tum: Path) -> None:
     write_picture(tum / "depth" / f"{STAMPS_S[0]}.png", depth(100).astype(np.uint8))
     with pytest.raises(InputError, match=r"8 bit; depth\.txt wants 32 x 24 pixels, 1 channel\(s\) of 16 bit"):
