@@ -16,7 +16,7 @@ from statistics import median
 import numpy as np
 from scipy.stats import binomtest
 
-from neuse.evaluation.comparison import ComparisonText, beside_external_slam, beside_geometry
+from neuse.evaluation.comparison import ComparisonText, beside_external_slam, beside_geometry, coming_back
 from neuse.evaluation.report import page
 from neuse.evaluation.results import Result, Results
 
@@ -188,6 +188,11 @@ def _run_cells(run: Result) -> tuple[str, str, str]:
     return f"{run['ate_rmse_m']:.3f}", counts, f"{run['objects']['mapped']} / {run['objects']['true']}"
 
 
+def returns(results: Results, seeds: int) -> Table:
+    """Sessions that come back: see comparison.py."""
+    return _beside(coming_back(results, seeds), "returns", seeds)
+
+
 def _beside(text: ComparisonText, name: str, seeds: int) -> Table:
     return Table(text.title, text.note, COMMAND.format(seeds=seeds, name=name), text.columns, text.rows)
 
@@ -197,6 +202,7 @@ TABLES = {
     "external": external,
     "changes": changes,
     "geometric": geometric,
+    "returns": returns,
     "trust": trust,
     "ablations": ablations,
     "nodes": nodes,

@@ -7,6 +7,7 @@ from pathlib import Path
 import trimesh
 
 from neuse.errors import InputError
+from neuse.geometry import Array
 from neuse.mapping.change_detection import ChangeDetector, ChangeParams, Move, settled_changes
 from neuse.mapping.evidence import Evidence
 from neuse.mapping.free_space import FreeSpaceParams
@@ -112,6 +113,17 @@ class ObjectMapper:
         """The map as it is now; removed objects stay listed, as REMOVED."""
         records = sorted(self._library, key=lambda record: record.object_id)
         return ObjectMap(self._stamp_ns, tuple(self._map_object(record) for record in records))
+
+    def places(self) -> dict[int, Array]:
+        """{object id: (3,) centre, map frame} of all objects, those that are gone where they were."""
+        return {record.object_id: record.center for record in self._library}
+
+    def settle_names(self, index: int = 0, n_sessions: int = 1) -> None:
+        """Session `index` names objects anew: nothing means any more what it meant by a name before."""
+        for keyframe in self._memory.seen.values():
+            keyframe.centers = {self._library.resolve(i): center for i, center in keyframe.centers.items()}
+        aliases = self._library.aliases
+        self._library.aliases = {i: aliases[i] for i in aliases if i % n_sessions != index}
 
     def mesh(self, object_id: int) -> trimesh.Trimesh:
         """Full shape of an object, map frame.

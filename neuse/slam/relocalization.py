@@ -3,8 +3,8 @@
 Pairs of a track of the session and an object of the map that are alike in shape are vertices of a graph;
 edges join pairs whose mutual distance, axes and offsets agree, and the largest clique is the answer. Unlike
 within a session there is no expectation of the pose, so that chance has to be ruled out: a layout counts only
-if so few would arise by chance in this very map (an a-contrario test), if no other one rivals it, and if it
-is found again and again.
+if so few would arise by chance in this very map (an a-contrario test), if no other one rivals it, if more
+objects are in their places than are not, and if it is found again and again.
 """
 
 from collections.abc import Sequence
@@ -120,7 +120,8 @@ def find_place(tracks: Sequence[Track], prior: PriorMap, params: RelocalizationP
         return None
     matches = _explained(alignment.T_b_a, seen, prior, shapes, params)
     false_alarms = _false_alarms(len(clique), agree, rows, len(tracks), prior, params)
-    if false_alarms > params.max_false_alarms or 2 * len(matches) <= len(tracks):
+    contradicting = sum(track.confirmed and row not in matches for row, track in enumerate(tracks))
+    if false_alarms > params.max_false_alarms or len(matches) <= contradicting:
         return None
     named = {tracks[row].key: prior.ids[column] for row, column in matches.items()}
     return Place(alignment.T_b_a, alignment.covariance, named, false_alarms)

@@ -1,0 +1,99 @@
+"""Several sessions, one map: of robots that drive at the same time, or of one that was started again.
+
+A session counts its keyframes from 0 and begins wherever its camera was. Its frames enter the map if it
+founded the map or has joined it: when the objects that it names stand where the map has them.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import count
+
+import numpy as np
+
+from neuse.geometry import transform_points
+from neuse.mapping.mapper import ObjectMapper
+from neuse.records import NO_ID, Keyframe, MatchStatus, TrackedFrame
+
+Step = tuple[TrackedFrame, Sequence[Keyframe]]
+STRIDE = 1_000_000  # keyframes of one session
+MAX_HELD = 3000
+SAME_PLACE_M = 0.3
+
+
+@dataclass
+class _Session:
+    """is_member: its frames are in the map.    first_key: of its keyframes, as the mapper calls them."""
+
+    first_key: int
+    is_member: bool = True
+    has_begun: bool = False
+    held: deque[Step] = field(default_factory=lambda: deque[Step](maxlen=MAX_HELD))
+
+
+class Sessions:
+    """Lets the frames of sessions into a map, held back ones once their session turns out to be in it."""
+
+    def __init__(self, mapper: ObjectMapper, n_sessions: int = 1) -> None:
+        self._mapper, self._n_sessions = mapper, n_sessions
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew with an empty map."""
+        self._first_keys = count(0, STRIDE)
+        self._sessions = [_Session(next(self._first_keys)) for _ in range(self._n_sessions)]
+
+    def distrust(self) -> None:
+        """The map has been replaced by another: every session has to show that it is in it."""
+        for session in self._sessions:
+            session.is_member = False
+            session.held.clear()
+
+    @property
+    def has_strangers(self) -> bool:
+        """Whether a session is not in the map, and should be told of it."""
+        return not all(session.is_member for session in self._sessions)
+
+    def admit(self, frame: TrackedFrame, keyframes: Sequence[Keyframe], index: int = 0) -> list[Step]:
+        """The steps that the mapper shall take now that this frame of a session has come."""
+        session = self._sessions[index]
+        if frame.keyframe_id == 0:
+            self._begin(session, index)
+        if session.is_member:
+            return [_renumbered(frame, keyframes, session.first_key)]
+        session.held.append((frame, keyframes))
+        agrees = self._agrees(frame)
+        if agrees is None:
+            return []
+        session.is_member = agrees
+        steps = [_renumbered(*step, session.first_key) for step in session.held] if agrees else []
+        session.held.clear()
+        return steps
+
+    def _begin(self, session: _Session, index: int) -> None:
+        """A session begins, or begins again."""
+        others_have_begun = any(other.has_begun for other in self._sessions if other is not session)
+        if session.has_begun:
+            session.first_key = next(self._first_keys)
+            self._mapper.settle_names(index, self._n_sessions)
+        session.has_begun = True
+        session.is_member = not self._mapper.places() and not others_have_begun
+        session.held.clear()
+
+    def _agrees(self, frame: TrackedFrame) -> bool | None:
+        """Whether most objects that the frame names are where the map has them; None if the map has none."""
+        places, far_m = self._mapper.places(), list[float]()
+        for tracked in frame.observations:
+            if tracked.status == MatchStatus.MATCHED and tracked.object_id in places:
+                center = transform_points(frame.T_map_camera, tracked.observation.code.center)
+                far_m.append(float(np.linalg.norm(center - places[tracked.object_id])))
+        return 2 * sum(far <= SAME_PLACE_M for far in far_m) > len(far_m) if far_m else None
+
+
+def _renumbered(frame: TrackedFrame, keyframes: Sequence[Keyframe], first_key: int) -> Step:
+    """The same step with keyframes counted from `first_key`."""
+    if first_key == 0:
+        return frame, keyframes
+    if frame.keyframe_id != NO_ID:
+        frame = replace(frame, keyframe_id=first_key + frame.keyframe_id)
+    return frame, [replace(k, keyframe_id=first_key + k.keyframe_id) for k in keyframes]
