@@ -22,6 +22,7 @@ from neuse.mapping.object_library import (
     associated,
     make_view,
     recalled,
+    tells_shape,
 )
 from neuse.mapping.presence import Presence
 from neuse.mapping.reconstruction import MeshCache, Reconstruct
@@ -90,7 +91,7 @@ class ObjectMapper:
         self._update_objects(frame)
         if frame.keyframe_id != NO_ID:
             keyframe = self._memory.seen[frame.keyframe_id]
-            seen_ids = set(keyframe.centers) | self._recognise_unmatched(frame, keyframe)
+            seen_ids = self._seen_for_sure(keyframe) | self._recognise_unmatched(frame, keyframe)
             self._presence.update(keyframe, self._memory, self._library, seen_ids)
             self._judge_newcomers(set(keyframe.centers))
         if frame.loop_closed:
@@ -191,7 +192,7 @@ class ObjectMapper:
                 self._memory.seen[frame.keyframe_id].centers[object_id] = seen.code.center
             if not record.is_present or record.category != seen.code.category:
                 continue
-            record.seen(self._tick, frame.stamp_ns)
+            record.seen(self._tick, frame.stamp_ns, tells_shape(seen.code))
             if keyframe_id not in record.views:
                 count = self._params.library.points_per_view
                 view = make_view(seen.code, seen.cloud, T_keyframe_camera, seen.touches_border, count)
@@ -206,9 +207,15 @@ class ObjectMapper:
         self._newcomers.add(object_id)
         return record
 
+    def _seen_for_sure(self, keyframe: SeenKeyframe) -> set[int]:
+        """Matched objects that are surely meant, and those matched though they are taken to be gone."""
+        matched = {object_id: self._library.records[object_id] for object_id in keyframe.centers}
+        return {i for i, record in matched.items() if not record.is_present or record.last_tick == self._tick}
+
     def _recognise_unmatched(self, frame: TrackedFrame, keyframe: SeenKeyframe) -> set[int]:
         """Objects that association missed but the object graph finds in place: a mug with hidden handle."""
         unmatched = [t for t in frame.observations if t.status == MatchStatus.UNMATCHED]
+        unmatched = [t for t in unmatched if tells_shape(t.observation.code)]
         recognised = {self._judge.recognise(tracked, keyframe) for tracked in unmatched}
         found = {object_id for object_id in recognised if object_id is not None}
         for object_id in found:

@@ -11,9 +11,11 @@ from neuse.geometry import Array, inverse, transform_points
 from neuse.mapping.keyframe_memory import most_redundant
 from neuse.params import CheckedParams, param
 from neuse.records import NO_ID, MapObject, MatchStatus, ObjectStatus, TrackedFrame, TrackedObservation
+from neuse.slam.track import shape_noise
 
 _FLIP_SCALE_M = 0.02  # views whose landmarks lie this far from the average count half
 _VIEWS_OF_PLACE = 6  # so many views show an object's surface from all sides
+_TELLING_NOISE = 0.02  # 1 - cosine to be expected of a view that tells one shape from another
 _TRUSTED_SHARE = 0.8  # the farthest points of a view may be of another surface
 
 
@@ -43,7 +45,8 @@ class View:
 class ObjectRecord:
     """One object. Ticks are steps of the mapper; `views` go by keyframe id, `poses` are the keyframes'.
 
-    since_tick: first step at its present place.    last_tick: latest step that saw it there.
+    since_tick: first step at its present place.    last_tick: latest step that saw it there for sure.
+    seen_well: some view told its shape.
     """
 
     object_id: int
@@ -54,6 +57,7 @@ class ObjectRecord:
     since_tick: int
     last_tick: int
     n_observations: int = 0
+    seen_well: bool = False
     status: ObjectStatus = ObjectStatus.UNCHANGED
     views: dict[int, View] = field(default_factory=dict)
     _code: Code | None = None
@@ -112,10 +116,17 @@ class ObjectRecord:
             float(self.code.descriptor @ other.code.descriptor) if self.category == other.category else -1.0
         )
 
-    def seen(self, tick: int, stamp_ns: int) -> None:
-        """The object was seen at its place."""
-        self.last_tick, self.last_seen_ns = tick, stamp_ns
+    def seen(self, tick: int, stamp_ns: int, tells_shape: bool = True) -> None:
+        """The object was matched at its place.
+
+        A view that does not tell its shape may as well be of another object that stands there by now; once
+        the object has been seen well, such views do not show that it still does.
+        """
+        self.last_seen_ns = stamp_ns
         self.n_observations += 1
+        if tells_shape or not self.seen_well:
+            self.last_tick = tick
+        self.seen_well |= tells_shape
 
     def add_view(self, keyframe_id: int, view: View, max_views: int) -> None:
         """Keep the first view of each keyframe; beyond `max_views` the one of the smallest gap goes."""
@@ -152,6 +163,11 @@ def average_codes(codes: Sequence[Code], T_map_keyframes: Array, weights: Array)
     sigmas = np.min([code.sigmas for code in codes], axis=0)
     correlation = float(np.average([code.height_correlation for code in codes], weights=robust))
     return replace(codes[0], z=mean, descriptor=descriptor, sigmas=sigmas, height_correlation=correlation)
+
+
+def tells_shape(code: Code) -> bool:
+    """Whether the view was good enough to tell an object from others of its category."""
+    return shape_noise(code) <= _TELLING_NOISE
 
 
 def make_view(code: Code, cloud: np.ndarray, T_keyframe_camera: Array, is_cut: bool, count: int) -> View:

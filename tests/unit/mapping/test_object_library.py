@@ -12,6 +12,7 @@ from neuse.mapping.object_library import (
     associated,
     average_codes,
     make_view,
+    tells_shape,
 )
 from neuse.records import (
     NO_ID,
@@ -216,3 +217,17 @@ def test_place_that_an_object_left_stays_known_and_follows_its_keyframes():
     left.poses = {NO_ID: np.eye(4)} | dict(enumerate(geometry.exp([0, 0, 0, 1, 0, 0]) @ poses(2)))
     library.invalidate({0})
     np.testing.assert_allclose(left.center - center, [1, 0, 0], atol=1e-9)
+
+
+def test_view_that_tells_no_shape_does_not_show_that_a_known_object_is_still_there():
+    known = record(1, poses(2), last_tick=1)
+    for tick, tells, last_tick in ((2, False, 2), (3, True, 3), (4, False, 3), (5, True, 5)):
+        known.seen(tick, 100 * tick, tells)
+        assert (known.last_tick, known.last_seen_ns) == (last_tick, 100 * tick)
+    assert known.n_observations == 4
+
+
+@pytest.mark.parametrize(("sigma_m", "tells"), [(0.001, True), (0.008, False)])
+def test_view_with_a_well_known_centre_tells_the_shape(sigma_m, tells):
+    code = replace(views_from(poses(1))[0], sigmas=np.full(6, sigma_m))
+    assert tells_shape(code) is tells
