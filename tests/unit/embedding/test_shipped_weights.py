@@ -11,11 +11,11 @@ from neuse.embedding.layouts import draw_layout
 from neuse.embedding.network import read_card
 from neuse.embedding.views import POINT_UNIT_M, ViewParams, draw_view
 from neuse.geometry import inverse, transform_points
-from neuse.simulation.shapes import sample_shape
+from neuse.simulation.shapes import sample_shape, symmetry_of
 
 from .tiny import random_transform
 
-CATEGORIES = ("bottle", "mug")
+CATEGORIES = ("bottle", "bowl", "box", "mug")
 PARAMS = ViewParams(range_m=(0.5, 1.2), clutter=(1, 1), fixed_noise_m=0.0015, mask_faults=False)
 N_SHAPES, N_VIEWS = 4, 4
 
@@ -47,7 +47,10 @@ def codes(embedding, views):
 
 
 def axis_error_deg(code, T_camera_object):
-    return np.degrees(np.arccos(np.clip(code.T_frame_object[:3, 2] @ T_camera_object[:3, 2], -1, 1)))
+    """Of the axis, or of the edge of a box that the code took for it."""
+    turns = symmetry_of(code.category).turns
+    cosines = (T_camera_object[:3, :3] @ turns)[:, :, 2] @ code.T_frame_object[:3, 2]
+    return np.degrees(np.arccos(min(cosines.max(), 1.0)))
 
 
 def test_shipped_network_is_equivariant(embedding, views):
