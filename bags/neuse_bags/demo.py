@@ -108,12 +108,15 @@ def running_graph(logs: Path) -> Iterator[Graph]:
     graph.end()
 
 
-def record_graph(bag: Path, recording: Path, rate: float, logs: Path) -> None:
-    """Play a bag to the three nodes and record what they publish."""
+def record_graph(bag: Path, recording: Path, rate: float, logs: Path, live: bool = False) -> None:
+    """Play a bag to the three nodes and record what they publish.
+
+    live: the nodes have their defaults, as for a camera: what comes too fast is dropped and counted.
+    """
     with running_graph(logs) as graph:
         for executable, package in NODES.items():
             patience = ENCODER_PATIENCE if executable == "encoder_node" else PATIENCE
-            graph.start(package, executable, *_ros_arguments(patience))
+            graph.start(package, executable, *_ros_arguments({} if live else patience))
         graph.start("neuse_bags", "record", "--out", recording, "--overwrite")
         waiting = ["--wait-for", str(START_S), "--wait-topics", *AWAITED]
         graph.start("neuse_bags", "play", bag, "--rate", rate, *waiting)
@@ -129,7 +132,9 @@ def demo(args: argparse.Namespace) -> None:
     if args.bag is None and not bag.exists():
         _simulate(args.preset, bag)
     BagReader(bag).close()  # a bag that cannot be read is told before anything starts
-    record_graph(bag, recording, args.rate, args.out / "logs")
+    record_graph(bag, recording, args.rate, args.out / "logs", args.live)
+    if args.live:
+        print("\n".join(last_summaries(args.out / "logs")))
     print(evaluate_recording(recording, bag, args.out))
     print(f"report: {args.out / 'report.html'}")
 
@@ -143,10 +148,19 @@ def _simulate(preset: str, bag: Path) -> None:
         raise
 
 
+def last_summaries(logs: Path) -> list[str]:
+    """What each node counted, as it said it last."""
+    lines = []
+    for name in NODES:
+        told = [line for line in (logs / f"{name}.log").read_text().splitlines() if " dropped, " in line]
+        lines.append(f"{name}: {told[-1].rpartition(': ')[2] if told else 'ended before its first summary'}")
+    return lines
+
+
 def _ros_arguments(parameters: Mapping[str, object]) -> list[str]:
     """Parameters as a command line has them."""
     pairs = [("-p", f"{name}:={value}") for name, value in parameters.items()]
-    return ["--ros-args", *(word for pair in pairs for word in pair)]
+    return ["--ros-args", *(word for pair in pairs for word in pair)] if pairs else []
 
 
 def _executable(package: str, name: str) -> Path:
@@ -163,6 +177,9 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--preset", default="tabletop", help="world to simulate (tabletop)")
     made.add_argument("--bag", type=Path, metavar="BAG", help="bag to play instead of a simulated one")
     made.add_argument("--rate", type=float, default=1.0, metavar="R", help="times the recorded pace (1)")
+    made.add_argument(
+        "--live", action="store_true", help="as from a camera: frames that come too fast are dropped"
+    )
     return made
 
 
