@@ -11,7 +11,7 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 
 from neuse.evaluation.trajectory import Trajectory, trajectory_of
-from neuse.geometry import Array, inverse, renormalized, rotation_angle
+from neuse.geometry import Array, inverse, make_transform, renormalized, rotation_angle
 from neuse.params import CheckedParams, param
 from neuse.records import Edge, EdgeKind, OdometrySample, RgbdFrame
 from neuse.slam.pose_graph import PoseGraph
@@ -105,7 +105,7 @@ class ExternalSlam(Generic[ViewT]):
     _T_map_keyframes: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
 
     def step(self, frame: RgbdFrame, odometry: OdometrySample | None = None) -> ExternalStep:
-        """Track one frame. Odometry, where there is some, tells where to look first."""
+        """Track one frame. Odometry, where there is some, tells the turn to look for first."""
         if odometry is not None:
             self._expect(odometry.T_odom_camera)
         view = self.matcher.view(frame)
@@ -140,9 +140,10 @@ class ExternalSlam(Generic[ViewT]):
         return trajectory_of([frame.stamp_ns for frame in self._frames], T_map_camera)
 
     def _expect(self, T_hint_camera: Array) -> None:
-        """Expect the motion that odometry has seen since the last frame."""
+        """Expect the turn that odometry has seen since the last frame, and to go on as before."""
         if self._T_hint_camera is not None:
-            self._motion = inverse(self._T_hint_camera) @ T_hint_camera
+            hinted = inverse(self._T_hint_camera) @ T_hint_camera
+            self._motion = make_transform(hinted[:3, :3], self._motion[:3, 3])
         self._T_hint_camera = T_hint_camera
 
     def _is_far(self, T: Array) -> bool:

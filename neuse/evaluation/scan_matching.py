@@ -18,13 +18,13 @@ MIN_POINTS, MIN_OVERLAP = 50, 0.3
 class ScanParams(CheckedParams):
     """How scans are thinned and matched."""
 
-    stride_px: int = param(4, "every so many pixels a point", 1, 64)
+    stride_px: int = param(2, "every so many pixels a point", 1, 64)
     max_range_m: float = param(4.0, "depth beyond this is too noisy", 0.1, 100.0)
-    voxel_m: float = param(0.03, "one point a voxel of this side", 0.001, 1.0)
+    voxel_m: float = param(0.015, "one point a voxel of this side", 0.001, 1.0)
     reach_m: float = param(0.05, "corresponding points lie this near", 0.001, 10.0)
-    trust: float = param(0.1, "share of points whose errors are their own", 1e-6, 1.0)
+    trust: float = param(1.0, "share of points whose errors are their own", 1e-6, 1.0)
     guess_rad: float = param(0.005, "how good the guess is between two frames, rad", 1e-4, 3.15)
-    guess_m: float = param(0.005, "the same, metres", 1e-4, 10.0)
+    guess_m: float = param(0.02, "the same, metres", 1e-4, 10.0)
     max_iterations: int = param(20, "steps of the optimiser", 1, 1000)
 
 
