@@ -57,9 +57,9 @@ class ObjectRecord:
     since_tick: int
     last_tick: int
     n_observations: int = 0
-    seen_well: bool = False
     status: ObjectStatus = ObjectStatus.UNCHANGED
     views: dict[int, View] = field(default_factory=dict)
+    seen_well: bool = False
     _code: Code | None = None
     _center: Array | None = None
     _points: Array | None = None
