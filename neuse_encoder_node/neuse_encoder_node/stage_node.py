@@ -89,6 +89,10 @@ class StageNode(LifecycleNode):
         """Start anew, as if just built."""
         raise NotImplementedError
 
+    def order_of(self, item: Any) -> StampOrder:
+        """The stamps among which an item comes in turn."""
+        return self._order
+
     def flush(self) -> None:
         """Hand over to the worker what still waits, before the node falls silent."""
 
@@ -220,7 +224,7 @@ class StageNode(LifecycleNode):
             self.get_logger().debug(traceback.format_exc())
 
     def _process_in_order(self, stamp_ns: int, item: Any) -> None:
-        succession = self._order.follow(stamp_ns)
+        succession = self.order_of(item).follow(stamp_ns)
         if succession == Succession.STALE:
             raise InputError("stale_stamp", "stamp is not later than the one before; the frame is dropped")
         if succession == Succession.RESTART:

@@ -1,29 +1,32 @@
 """mapper_node: tracked frames in; object map, its changes, markers and points out."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 import trimesh
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from neuse.embedding.code import Code
 from neuse.embedding.embedding import Embedding
-from neuse.errors import NeuseError
+from neuse.errors import MapFileError, NeuseError
 from neuse.mapping.mapper import MapperParams, ObjectMapper
 from neuse.mapping.markers import MarkerBoard, map_points
 from neuse.mapping.reconstruction import Reconstruct
+from neuse.mapping.sessions import Sessions
 from neuse.params import param
 from neuse.records import ObjectChange
 from neuse_encoder_node.conversions import stamp_from_msg
 from neuse_encoder_node.qos import latched, reliable
 from neuse_encoder_node.run import run
 from neuse_encoder_node.stage_node import StageNode, StageParams
-from neuse_encoder_node.stamps import NANOSECONDS
+from neuse_encoder_node.stamps import NANOSECONDS, StampOrder
 from neuse_encoder_node.weights import MEANING, SHIPPED, load_embeddings
 from neuse_mapper_node import conversions
 from neuse_mapper_node.keyframe_match import KeyframeMatch
@@ -33,6 +36,7 @@ from neuse_msgs.srv import LoadMap, SaveMap
 from neuse_slam_node.conversions import change_to_msg, keyframes_from_msg, tracked_frame_from_msg
 
 NAME = "mapper_node"
+Item = tuple[int, TrackedFrame, KeyframeArray | None]  # of the session of this index
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,7 @@ class MapperNodeParams(StageParams):
     map_frame: str = param("map", "name of the frame of the map")
     load_path: str = param("", "map file to go on with; empty: start with nothing")
     save_path: str = param("", "map file that is written when the node ends; empty: none")
+    sessions: str = param("", "namespaces of robots that share this map, with commas; empty: the node's own")
     weights: tuple[str, ...] = param(SHIPPED, MEANING)
     mapper: MapperParams = field(default_factory=MapperParams)
 
@@ -61,13 +66,25 @@ class MapperNode(StageNode):
         embeddings = load_embeddings(params.weights)
         decoders = {category: self._decoder(embedding) for category, embedding in embeddings.items()}
         self._mapper = ObjectMapper(decoders, params.mapper)
-        if params.load_path:
-            self._mapper.load(params.load_path)
-        self._match = KeyframeMatch()
+        named = [name.strip().rstrip("/") for name in params.sessions.split(",")]
+        self._namespaces = [f"{name}/" for name in named if name] or [""]
+        self._sessions = Sessions(self._mapper, len(self._namespaces))
+        self._matches = [KeyframeMatch() for _ in self._namespaces]
+        self._orders = [StampOrder(params.restart_s) for _ in self._namespaces]
+        self._told: tuple[tuple[int, int], ...] = ()
         self._board = MarkerBoard()
         self._is_original = not params.load_path  # nobody has told this map to be another
         self._next_map_ns = self._next_drawing_ns = 0
         self._connect(params.topic_depth)
+        if params.load_path:
+            self._load(params.load_path)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        result = super().on_activate(state)
+        with self.lock:
+            if self._mapper.places():
+                self._show()
+        return result
 
     def _decoder(self, embedding: Embedding) -> Reconstruct:
         """A decoder whose time is kept."""
@@ -82,25 +99,60 @@ class MapperNode(StageNode):
         self._map = self.offer(ObjectMap, "neuse/map", latched())
         self._markers = self.offer(MarkerArray, "neuse/markers", latched())
         self._points = self.offer(PointCloud2, "neuse/map_points", latched())
-        self._changes = self.offer(ObjectChangeMsg, "neuse/changes", reliable(depth))
-        self.listen(TrackedFrame, "neuse/frames", self._receive_frame, reliable(depth))
-        self.listen(KeyframeArray, "neuse/keyframes", self._receive_keyframes, latched(depth))
+        self._changes = [self.offer(ObjectChangeMsg, "neuse/changes", reliable(depth))]
+        self._priors = []
+        for index, namespace in enumerate(self._namespaces):
+            self._connect_session(index, namespace, depth)
         self.listen(ObjectMap, "neuse/recalled_map", self._receive_recalled, reliable(1))
         self.serve(SaveMap, "~/save_map", self._save_map)
         self.serve(LoadMap, "~/load_map", self._load_map)
         self.serve(Trigger, "~/reset", self._reset)
 
-    def process(self, stamp_ns: int, item: tuple[TrackedFrame, KeyframeArray | None]) -> None:
-        message, estimates = item
+    def _connect_session(self, index: int, namespace: str, depth: int) -> None:
+        """What a robot sends, and what it is told."""
+        frames = partial(self._receive_frame, index)
+        keyframes = partial(self._receive_keyframes, index)
+        self.listen(TrackedFrame, f"{namespace}neuse/frames", frames, reliable(depth))
+        self.listen(KeyframeArray, f"{namespace}neuse/keyframes", keyframes, latched(depth))
+        self._priors.append(self.offer(ObjectMap, f"{namespace}neuse/prior_map", latched()))
+        if namespace:
+            self._changes.append(self.offer(ObjectChangeMsg, f"{namespace}neuse/changes", reliable(depth)))
+
+    def order_of(self, item: Item) -> StampOrder:
+        return self._orders[item[0]]
+
+    def process(self, stamp_ns: int, item: Item) -> None:
+        index, message, estimates = item
         frame = tracked_frame_from_msg(message)
         keyframes = () if estimates is None else keyframes_from_msg(estimates)
+        steps = self._sessions.admit(frame, keyframes, index)
         with self.health.timed("map"):
-            changes = self._mapper.step(frame, keyframes)
+            changes = [change for step in steps for change in self._mapper.step(*step)]
         self.health.tally("edges", len(frame.edges))
+        if not steps:
+            self.health.tally("frames_outside_the_map")
         self._publish_changes(changes)
         self._publish_due(stamp_ns)
 
     def forget(self) -> None:
+        self._clear()
+        self._sessions.forget()
+        if self._params.load_path:
+            self._load(self._params.load_path)
+            self._show()
+
+    def _load(self, path: str) -> None:
+        """Go on with a saved map; sessions have to find their place in it."""
+        self._mapper.load(path)
+        self._is_original = False
+        self._sessions.distrust()
+
+    def _show(self) -> None:
+        self._publish_map()
+        self._draw()
+
+    def _clear(self) -> None:
+        """Empty the map and what is shown of it."""
         self._is_original = False
         self._mapper.reset()
         map_frame = self._params.map_frame
@@ -116,15 +168,22 @@ class MapperNode(StageNode):
         self._publish_changes(self._mapper.finalize())
         self._publish_map()
         self._draw()
-        if self._params.save_path:
-            self._mapper.save(self._params.save_path)
+        if self._params.save_path and self._mapper.places():
+            self._save_at_the_end(self._params.save_path)
 
-    def _receive_frame(self, message: TrackedFrame) -> None:
-        self._match.add_frame(message)
+    def _save_at_the_end(self, path: str) -> None:
+        try:
+            self._mapper.save(path)
+            self.get_logger().info(f"{len(self._mapper.places())} objects written to {path}")
+        except MapFileError as error:
+            self.refuse("map_not_saved", str(error))
+
+    def _receive_frame(self, index: int, message: TrackedFrame) -> None:
+        self._matches[index].add_frame(message)
         self._release()
 
-    def _receive_keyframes(self, message: KeyframeArray) -> None:
-        self._match.add_keyframes(message)
+    def _receive_keyframes(self, index: int, message: KeyframeArray) -> None:
+        self._matches[index].add_keyframes(message)
         self._release()
 
     def _receive_recalled(self, message: ObjectMap) -> None:
@@ -138,13 +197,15 @@ class MapperNode(StageNode):
                 self._publish_map()
 
     def _release(self) -> None:
-        for frame, estimates in self._match.release():
-            self.enqueue(stamp_from_msg(frame.header.stamp), (frame, estimates))
+        for index, match in enumerate(self._matches):
+            for frame, estimates in match.release():
+                self.enqueue(stamp_from_msg(frame.header.stamp), (index, frame, estimates))
 
-    def _publish_changes(self, changes: tuple[ObjectChange, ...]) -> None:
+    def _publish_changes(self, changes: Sequence[ObjectChange]) -> None:
         for change in changes:
             self.health.tally(f"changes_{change.kind.name.lower()}")
-            self._changes.publish(change_to_msg(change, self._params.map_frame))
+            for publisher in self._changes:
+                publisher.publish(change_to_msg(change, self._params.map_frame))
         if changes:
             self._next_map_ns = self._next_drawing_ns = 0
 
@@ -160,7 +221,18 @@ class MapperNode(StageNode):
     def _publish_map(self) -> None:
         object_map = self._mapper.object_map
         self.health.state("objects", len(object_map.objects))
-        self._map.publish(conversions.object_map_to_msg(object_map, self._params.map_frame))
+        message = conversions.object_map_to_msg(object_map, self._params.map_frame)
+        self._map.publish(message)
+        self._tell_sessions(message)
+
+    def _tell_sessions(self, message: ObjectMap) -> None:
+        """The map to those who are not in it, or share it, whenever it has got other objects."""
+        objects = tuple((known.object_id, known.status) for known in message.objects)
+        is_shared = len(self._priors) > 1 or self._sessions.has_strangers
+        if objects != self._told and (is_shared or not objects):
+            self._told = objects
+            for publisher in self._priors:
+                publisher.publish(message)
 
     def _draw(self) -> None:
         object_map, map_frame = self._mapper.object_map, self._params.map_frame
@@ -180,17 +252,15 @@ class MapperNode(StageNode):
 
     def _load_map(self, request: LoadMap.Request, response: LoadMap.Response) -> LoadMap.Response:
         def load() -> str:
-            self._mapper.load(request.path)
-            self._is_original = False
-            self._publish_map()
-            self._draw()
+            self._load(request.path)
+            self._show()
             return f"{len(self._mapper.object_map.objects)} objects loaded from {request.path}"
 
         return self._answer(response, load)
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         def reset() -> str:
-            self.forget()
+            self._clear()
             return "the map is empty"
 
         return self._answer(response, reset)

@@ -28,7 +28,9 @@ from neuse.records import (
 )
 from neuse.slam.checks import is_covariance
 from neuse.slam.object_frames import is_usable
+from neuse.slam.prior_map import PriorMap
 from neuse_encoder_node.conversions import (
+    code_from_msg,
     header_to_msg,
     intrinsics_to_msg,
     observation_from_msg,
@@ -39,7 +41,7 @@ from neuse_encoder_node.conversions import (
 )
 from neuse_encoder_node.images import depth_from_msg, depth_to_msg
 from neuse_msgs.msg import Keyframe as KeyframeMsg
-from neuse_msgs.msg import KeyframeArray, PoseGraphEdge, PoseGraphEdgeArray
+from neuse_msgs.msg import KeyframeArray, MapObject, ObjectMap, PoseGraphEdge, PoseGraphEdgeArray
 from neuse_msgs.msg import ObjectChange as ObjectChangeMsg
 from neuse_msgs.msg import TrackedFrame as TrackedFrameMsg
 from neuse_msgs.msg import TrackedObservation as TrackedObservationMsg
@@ -207,6 +209,17 @@ def change_from_msg(message: ObjectChangeMsg) -> ObjectChange:
         T_map_after=transform_from_msg(message.after[0]) if message.after else None,
         merged_id=message.merged_id,
     )
+
+
+def prior_map_from_msg(message: ObjectMap) -> PriorMap:
+    """What a map tells a session that did not make it.
+
+    Raises:
+        InputError: `array_length` or `code`.
+    """
+    present = [item for item in message.objects if item.status != MapObject.REMOVED]
+    next_id = 1 + max((item.object_id for item in message.objects), default=-1)
+    return PriorMap({item.object_id: code_from_msg(item.code) for item in present}, next_id)
 
 
 def _tracked_to_msg(tracked: TrackedObservation) -> TrackedObservationMsg:

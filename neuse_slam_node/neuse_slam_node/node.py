@@ -2,11 +2,12 @@
 
 import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from nav_msgs.msg import Odometry, Path
+from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 
 from neuse.errors import InputError, ParamError
@@ -14,6 +15,7 @@ from neuse.geometry import transform_from_quaternion
 from neuse.params import param
 from neuse.records import NO_ID, OdometrySample, TrackedFrame
 from neuse.slam.feedback import DELAY_S, ChangeFeedback
+from neuse.slam.joining import Joiner, JoiningParams
 from neuse.slam.slam import ObjectSlam, SlamParams
 from neuse_encoder_node.conversions import observed_frame_from_msg, stamp_from_msg
 from neuse_encoder_node.qos import latched, reliable, sensor
@@ -28,6 +30,7 @@ from neuse_slam_node.map_memory import MapMemory
 from neuse_slam_node.odometry_match import OdometryMatch
 
 NAME = "slam_node"
+PATIENCE = Duration(seconds=1)  # with the receivers of frames that come all at once
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
@@ -52,6 +55,7 @@ class SlamNodeParams(StageParams):
         "pose of the camera optical frame in the odometry's child frame: x, y, z (metres), qx, qy, qz, qw",
     )
     slam: SlamParams = field(default_factory=SlamParams)
+    joining: JoiningParams = field(default_factory=JoiningParams)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -71,6 +75,7 @@ class SlamNode(StageNode):
     def build(self, params: SlamNodeParams) -> None:
         self._params = params
         self._slam = ObjectSlam(params.slam)
+        self._joiner = Joiner(self._slam, params.joining)
         self._match = OdometryMatch(params.odometry_wait_s, params.restart_s)
         self._feedback = ChangeFeedback(params.feedback_delay_s)
         self._T_child_camera = transform_from_quaternion(params.T_child_camera[3:], params.T_child_camera[:3])
@@ -94,12 +99,17 @@ class SlamNode(StageNode):
         self.listen(ObjectChange, "neuse/changes", self._receive_change, reliable(depth))
         self._recalled = self.offer(ObjectMap, "neuse/recalled_map", reliable(1))
         self.listen(ObjectMap, "neuse/map", self._receive_map, latched())
+        self.listen(ObjectMap, "neuse/prior_map", self._receive_prior, latched())
 
     def forget(self) -> None:
-        self._slam.reset()
+        self._joiner.begin()
+        self._begin()
+        self._memory.forget()
+
+    def _begin(self) -> None:
+        """A session begins: what belonged to the one before is gone."""
         self._feedback.clear()
         self._counted.clear()
-        self._memory.forget()
         self._next_path_ns = 0
 
     def process(self, stamp_ns: int, item: tuple[ObjectObservationArray, OdometrySample | None]) -> None:
@@ -115,9 +125,11 @@ class SlamNode(StageNode):
         self.health.tally("objects", len(frame.observations))
         self.health.tally("edges", len(frame.edges))
         self._count_faults(stamp_ns)
-        self._publish(frame)
-        if odometry is not None:
-            self._broadcast(frame, odometry)
+        frames = self._joiner.follow(frame)
+        self.health.state("held_frames", self._joiner.n_held)
+        self._publish(frames)
+        if odometry is not None and frames:
+            self._broadcast(frames[-1], odometry)
 
     def _broadcast(self, frame: TrackedFrame, odometry: OdometrySample) -> None:
         """Map -> odom, from odometry of this very moment that names its frame."""
@@ -180,24 +192,39 @@ class SlamNode(StageNode):
             self.get_logger().info(f"mapper has started anew: it is told of {len(lost.objects)} objects")
             self._recalled.publish(lost)
 
+    def _receive_prior(self, message: ObjectMap) -> None:
+        """There is a map that this session did not make: it joins it, or learns what is new in it."""
+        prior = conversions.prior_map_from_msg(message)
+        with self.lock:
+            if self._joiner.offer(prior):
+                self._begin()
+                self.get_logger().info(f"looking for the camera's place in a map of {len(prior)} objects")
+
     def _count_faults(self, stamp_ns: int) -> None:
         """Pass on what the library has counted since the last look."""
         for reason, amount in (self._slam.counters - self._counted).items():
             self.refuse(reason, f"{amount} refused (stamp {stamp_ns} ns)", amount)
         self._counted = Counter(self._slam.counters)
 
-    def _publish(self, frame: TrackedFrame) -> None:
+    def _publish(self, frames: Sequence[TrackedFrame]) -> None:
+        """Mostly one frame; all that were held back when a map has been joined, not faster than they go."""
+        if any(frame.keyframe_id != NO_ID or frame.loop_closed for frame in frames):
+            self._publish_keyframes(frames[-1].stamp_ns)
+        for i, frame in enumerate(frames):
+            self._publish_frame(frame)
+            if i % self._params.topic_depth == self._params.topic_depth - 1:
+                self._frames.wait_for_all_acked(PATIENCE)
+        if frames and frames[-1].stamp_ns >= self._next_path_ns:
+            self._publish_path()
+            self._next_path_ns = frames[-1].stamp_ns + int(self._params.path_period_s * NANOSECONDS)
+
+    def _publish_frame(self, frame: TrackedFrame) -> None:
         map_frame = self._params.map_frame
         self._last_stamp_ns = frame.stamp_ns
         if frame.edges:
             self._edges.publish(conversions.edges_to_msg(frame.edges, frame.stamp_ns, self._camera_frame))
-        if frame.keyframe_id != NO_ID or frame.loop_closed:
-            self._publish_keyframes(frame.stamp_ns)
         self._frames.publish(conversions.tracked_frame_to_msg(frame, map_frame, self._camera_frame))
         self._odometry.publish(conversions.odometry_to_msg(frame, map_frame, self._camera_frame))
-        if frame.stamp_ns >= self._next_path_ns:
-            self._publish_path()
-            self._next_path_ns = frame.stamp_ns + int(self._params.path_period_s * NANOSECONDS)
 
     def _publish_keyframes(self, stamp_ns: int) -> None:
         message = conversions.keyframes_to_msg(self._slam.keyframes, stamp_ns, self._params.map_frame)
