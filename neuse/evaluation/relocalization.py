@@ -3,7 +3,8 @@
     python -m neuse.evaluation.relocalization --out DIR [--seeds N] [--first-seed N] [--presets NAME,...]
 
 Each world is mapped once, with odometry, and its map saved. Then a third of its objects move or go, and a new
-session with nothing but codes starts at a random pose that shows three objects that stayed. Writes
+session starts at a random pose that shows three objects that stayed; until it is found it has nothing but
+codes, and odometry from then on. Writes
 relocalization.json and relocalization.png into DIR.
 """
 
@@ -29,7 +30,7 @@ from neuse.evaluation.report import write_json
 from neuse.evaluation.trajectory import trajectory_of
 from neuse.geometry import Array, inverse, rotation_angle
 from neuse.pipeline import Pipeline
-from neuse.records import ChangeKind, ObjectChange, ObservedFrame
+from neuse.records import ChangeKind, ObjectChange, ObservedFrame, OdometrySample
 from neuse.simulation.returning import come_back
 from neuse.simulation.worlds import World, make_world, simulate
 
@@ -73,6 +74,7 @@ class Later:
     """A return as the SLAM stage meets it, and its truth. changes: from the end of the first session on."""
 
     frames: tuple[ObservedFrame, ...]
+    odometry: tuple[OdometrySample, ...]
     T_world_camera: Array
     changes: tuple[ObjectChange, ...]
 
@@ -109,8 +111,8 @@ def later_frames(world: EncodedWorld, folder: Path) -> Later:
     before = make_world(world.preset, world.seed)
     after = come_back(before, 0, FRAMES)
     observer = Observer()
-    frames = tuple(observer.observe(simulated.frame) for simulated in simulate(after))
-    later = Later(frames, after.trajectory.T_world_camera, true_changes(before, after))
+    frames, odometry = zip(*[(observer.observe(s.frame), s.odometry) for s in simulate(after)], strict=True)
+    later = Later(frames, odometry, after.trajectory.T_world_camera, true_changes(before, after))
     path.write_bytes(zlib.compress(pickle.dumps(later), level=1))
     return later
 
@@ -131,11 +133,13 @@ def true_changes(before: World, after: World) -> tuple[ObjectChange, ...]:
 
 
 def run_return(name: str, path: Path, T_world_map: Array, later: Later) -> Return:
-    """The second session: codes alone, from a random start."""
+    """The second session: from a random start, by codes alone until it is found."""
     pipeline, errors = Pipeline(), list[tuple[float, float]]()
     pipeline.load_map(path)
-    for observed, T_world_camera in zip(later.frames, later.T_world_camera, strict=True):
-        frames = pipeline.track(observed).mapped
+    for observed, odometry, T_world_camera in zip(
+        later.frames, later.odometry, later.T_world_camera, strict=True
+    ):
+        frames = pipeline.track(observed, None if pipeline.joiner.is_waiting else odometry).mapped
         if frames:
             off = inverse(T_world_camera) @ T_world_map @ frames[-1].T_map_camera
             errors.append((float(np.linalg.norm(off[:3, 3])), np.rad2deg(rotation_angle(off[:3, :3]))))
