@@ -8,18 +8,18 @@ import argparse
 import os
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from neuse.evaluation.code_worlds import FRAME_NS, ODOMETRY_SIGMAS, make_code_world
 from neuse.geometry import Array, exp, inverse, renormalized
 from neuse.mapping.mapper import ObjectMapper
-from neuse.records import OdometrySample
+from neuse.records import ObservedFrame, OdometrySample
 from neuse.slam.slam import ObjectSlam
 
 OBJECTS = 50
-SAMPLES = 60
+SAMPLES, MOST_BETWEEN = 60, 300  # of memory, and frames between them
 PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 1e6
 FRAMES_AN_HOUR = 3600 * 10**9 // FRAME_NS
 
@@ -43,9 +43,9 @@ def endure(frames: int, speed_mps: float, minutes: float = np.inf, objects: int 
     """Feed so many frames at 30 Hz of data, or as many as the minutes allow; both stages in one process."""
     slam, mapper, world = ObjectSlam(), ObjectMapper({}), make_code_world(objects)
     rng, samples = np.random.default_rng(0), list[tuple[float, float]]()
-    every, end_s = max(frames // SAMPLES, 1), time.monotonic() + 60.0 * minutes
+    every, end_s = max(min(frames // SAMPLES, MOST_BETWEEN), 1), time.monotonic() + 60.0 * minutes
     for index, (T_world_camera, sample) in enumerate(_way(world.camera, frames, speed_mps)):
-        tracked = slam.step(world.observe(T_world_camera, sample.stamp_ns, rng), sample)
+        tracked = slam.step(_with_surfaces(world.observe(T_world_camera, sample.stamp_ns, rng)), sample)
         touched = tracked.loop_closed or tracked.keyframe_id >= 0
         for change in mapper.step(tracked, slam.keyframes if touched else ()):
             slam.apply_change(change)
@@ -55,6 +55,12 @@ def endure(frames: int, speed_mps: float, minutes: float = np.inf, objects: int 
                 break
     hours, memory_mb = np.array(samples).T
     return Endurance(hours, memory_mb, time.process_time())
+
+
+def _with_surfaces(frame: ObservedFrame) -> ObservedFrame:
+    """The landmarks of the codes stand for the points that a camera sees."""
+    seen = (replace(o, cloud=o.code.landmarks.astype(np.float32)) for o in frame.observations)
+    return replace(frame, observations=tuple(seen))
 
 
 def resident_mb() -> float:
