@@ -50,8 +50,8 @@ evaluate: setup  ## the paper's tables: every world through the in-process pipel
 evaluate-embedding: setup  ## held-out views, or real meshes: make evaluate-embedding MESHES=DIR
 	$(IN_ENV) python -m neuse.embedding.evaluate --out $(OUT)/embedding $(if $(MESHES),--meshes $(MESHES))
 
-bench: setup
-	$(IN_ENV) python -m neuse.evaluation.bench --out $(OUT)/bench
+bench: setup  ## the nodes over DDS, then each stage by itself
+	$(IN_ENV) ./run.sh neuse_bags bench --out $(OUT)/bench && python -m neuse.evaluation.bench --out $(OUT)/bench
 
 train: setup
 	$(IN_ENV) python -m neuse.embedding.train --compile --install --resume

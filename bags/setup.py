@@ -1,6 +1,6 @@
 from setuptools import setup
 
-COMMANDS = ("simulate", "convert", "info", "play", "record", "run", "evaluate", "view", "demo")
+COMMANDS = ("simulate", "convert", "info", "play", "record", "run", "evaluate", "view", "demo", "bench")
 
 setup(
     name="neuse_bags",

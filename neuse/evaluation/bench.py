@@ -3,7 +3,7 @@
     python -m neuse.evaluation.bench --out DIR [--preset tabletop] [--frames 120] [--minutes 10]
 
 Writes DIR/bench.json and DIR/growth.png. Times are by the wall; `cpu` is what all threads worked together,
-which says more on a busy machine.
+which says more on a busy machine. What `neuse_bags bench --out DIR` has measured of the nodes is taken in.
 """
 
 import argparse
@@ -19,11 +19,13 @@ import torch
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from neuse.evaluation.comparison import ComparisonText
 from neuse.evaluation.growth import association_times, optimisation_times
 from neuse.evaluation.stage_times import Run, alignment_times, decoding_times, encoder_times, pipeline_run
 from neuse.evaluation.timing import Times
 
 SIZES = (10, 100, 1_000, 10_000)
+COLUMNS = ("", "here", "processor", "bar", "kept", "paper")
 Figures = dict[str, Any]
 Reading = Callable[[Figures], float | None]
 
@@ -67,15 +69,43 @@ def _grown(name: str, size: int, key: str) -> Reading:
     return value
 
 
+def _graph(*keys: str) -> Reading:
+    def value(figures: Figures) -> float | None:
+        found: Any = figures.get("graph")
+        for key in keys:
+            found = found and found[key]
+        return found
+
+    return value
+
+
+def _told(name: str, value: Reading, work: Reading = lambda _: None) -> Line:
+    return Line(name, value, "-", lambda _: True, work=work)
+
+
 LINES = (
     _stage_line("encoder, an object (ms)", "encoder", 6, "6"),
     _stage_line("alignment, 5 objects (ms)", "alignment", 0.2, "1"),
     _stage_line("decoding 20 000 points (ms)", "decoding", 30, "30"),
     Line("front end (fps)", lambda f: f["run"]["front_end_fps"], ">= 28", lambda fps: fps >= 28, "28"),
     Line("whole pipeline (fps)", lambda f: f["run"]["system_fps"], ">= 25", lambda fps: fps >= 25, "11"),
+    Line("nodes over DDS (fps), fed with 26", _graph("fps"), ">= 25", lambda fps: fps >= 25, "11"),
+    Line("their frames lost", _graph("frames_lost"), "0", lambda lost: lost == 0),
+    _at_most("depth stamp to edge (ms)", 100, _graph("latency_to_edge_ms", "median_ms"), lambda _: None),
     _growth_line("association, 10 000 objects (ms)", "association", 10_000, "median_ms", 2),
     _growth_line("optimisation, 10 000 keyframes, mean (ms)", "optimisation", 10_000, "mean_ms", 25),
     _growth_line("the same, worst (ms)", "optimisation", 10_000, "worst_ms", 250),
+    _told("map file, an object (bytes)", lambda f: f["run"]["map_bytes_per_object"]["file"]),
+    _told("code and points alone (bytes)", lambda f: f["run"]["map_bytes_per_object"]["object_alone"]),
+    _told("memory of the pipeline, most (MB)", lambda f: f["run"]["peak_memory_mb"]),
+    *(
+        _told(
+            f"memory of {node}, most (MB); processor, a frame (ms)",
+            _graph("processes", node, "peak_memory_mb"),
+            _graph("processes", node, "cpu_ms_per_frame"),
+        )
+        for node in ("encoder_node", "slam_node", "mapper_node")
+    ),
 )
 
 
@@ -120,14 +150,33 @@ def _run_figures(run: Run, preset: str) -> Figures:
 
 
 def table(figures: Figures) -> str:
-    """The figures that have a bar, as Markdown."""
-    rows = [("", "here", "processor", "bar", "", "paper")]
+    """The figures beside their bars, as Markdown."""
+    lines = [COLUMNS, ("---",) * len(COLUMNS), *_rows(figures)]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def beside_paper(path: Path) -> ComparisonText:
+    """The figures of a bench.json beside the paper's; where it is missing, all but the nodes is run first."""
+    if not path.exists():
+        run_bench(path.parent)
+    figures = json.loads(path.read_text())
+    cores = figures["machine"]["cores"]
+    return ComparisonText(
+        "Speed",
+        f"Medians on {cores} cores without a GPU, by the wall and by the processor's clock (all threads). "
+        "Bars are for 2 such cores that have nothing else to do; the paper's figures are of an RTX 2070.",
+        COLUMNS,
+        tuple(_rows(figures)),
+    )
+
+
+def _rows(figures: Figures) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = []
     for line in LINES:
         value = line.value(figures)
-        verdict = "" if value is None else "yes" if line.within(value) else "no"
+        verdict = "" if value is None or line.bar == "-" else "yes" if line.within(value) else "no"
         rows.append((line.name, _number(value), _number(line.work(figures)), line.bar, verdict, line.paper))
-    rows.insert(1, ("---",) * 6)
-    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+    return rows
 
 
 def _number(value: float | None) -> str:
@@ -150,6 +199,23 @@ def growth_figure(growth: Mapping[str, Any]) -> Figure:
     return figure
 
 
+def run_bench(
+    out: Path,
+    preset: str = "tabletop",
+    frames: int = 120,
+    sizes: Sequence[int] = SIZES,
+    minutes: float = 10.0,
+) -> Figures:
+    """Measure, take in what was measured of the nodes, and write bench.json and growth.png."""
+    figures = measure(preset, frames, sizes, 60.0 * minutes)
+    of_nodes = out / "graph.json"
+    figures["graph"] = json.loads(of_nodes.read_text()) if of_nodes.exists() else None
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "bench.json").write_text(json.dumps(figures, indent=2) + "\n")
+    growth_figure(figures["growth"]).savefig(out / "growth.png", dpi=110)
+    return figures
+
+
 def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(
@@ -162,11 +228,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=10.0, help="at most so long for the keyframes (10)")
     args = parser.parse_args()
     sizes = [int(size) for size in args.sizes.split(",")]
-    figures = measure(args.preset, args.frames, sizes, 60.0 * args.minutes)
-    args.out.mkdir(parents=True, exist_ok=True)
-    (args.out / "bench.json").write_text(json.dumps(figures, indent=2) + "\n")
-    growth_figure(figures["growth"]).savefig(args.out / "growth.png", dpi=110)
-    print(table(figures))
+    print(table(run_bench(args.out, args.preset, args.frames, sizes, args.minutes)))
 
 
 if __name__ == "__main__":

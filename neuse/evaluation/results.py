@@ -32,15 +32,15 @@ class Results:
     """
 
     def __init__(self, folder: Path, frames: int | None = None, first_seed: int = 0) -> None:
-        self._folder, self._frames, self._first_seed = folder, frames, first_seed
+        self.folder, self._frames, self._first_seed = folder, frames, first_seed
         self._stamp = fingerprint(RUN_SOURCES)
 
     def get(self, variant: str, preset: str, seed: int) -> Result:
         """The figures of one run: those of report.json, and `trust`."""
         length = self._frames or "all"
-        path = self._folder / "results" / variant / f"{preset}-{seed}-{length}-{self._stamp}.json"
+        path = self.folder / "results" / variant / f"{preset}-{seed}-{length}-{self._stamp}.json"
         if not path.exists():
-            world = encoded_world(preset, seed, self._folder / "worlds", self._frames)
+            world = encoded_world(preset, seed, self.folder / "worlds", self._frames)
             print(f"run {variant} on {world.name}", flush=True)
             result = figures(world, run_encoded(world, params_of(variant)))
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -54,7 +54,7 @@ class Results:
 
     def of_nodes(self, preset: str) -> Result | None:
         """report.json of the three nodes on the preset's first world; None if they were not run."""
-        path = self._folder / "nodes" / f"{preset}-{self._first_seed}" / "report.json"
+        path = self.folder / "nodes" / f"{preset}-{self._first_seed}" / "report.json"
         return json.loads(path.read_text()) if path.exists() else None
 
     def others_over_seeds(self, name: str, preset: str, seeds: int) -> list[Result]:
@@ -64,9 +64,9 @@ class Results:
 
     def _other(self, name: str, preset: str, seed: int) -> Result:
         stamp = fingerprint((*RUN_SOURCES, *OTHER_SOURCES))
-        path = self._folder / "results" / name / f"{preset}-{seed}-{self._frames or 'all'}-{stamp}.json"
+        path = self.folder / "results" / name / f"{preset}-{seed}-{self._frames or 'all'}-{stamp}.json"
         if not path.exists():
-            worlds = self._folder / "worlds"
+            worlds = self.folder / "worlds"
             world = encoded_world(preset, seed, worlds, self._frames)
             print(f"run {name} on {world.name}", flush=True)
             result = OTHERS[name](world, worlds)

@@ -16,6 +16,7 @@ from statistics import median
 import numpy as np
 from scipy.stats import binomtest
 
+from neuse.evaluation.bench import beside_paper
 from neuse.evaluation.comparison import ComparisonText, beside_external_slam, beside_geometry, coming_back
 from neuse.evaluation.report import page
 from neuse.evaluation.results import Result, Results
@@ -193,6 +194,12 @@ def returns(results: Results, seeds: int) -> Table:
     return _beside(coming_back(results, seeds), "returns", seeds)
 
 
+def speed(results: Results, seeds: int) -> Table:
+    """Times, frames a second and memory beside the paper's: see bench.py."""
+    text = beside_paper(results.folder.parent / "bench" / "bench.json")
+    return Table(text.title, text.note, "make bench", text.columns, text.rows)
+
+
 def _beside(text: ComparisonText, name: str, seeds: int) -> Table:
     return Table(text.title, text.note, COMMAND.format(seeds=seeds, name=name), text.columns, text.rows)
 
@@ -206,6 +213,7 @@ TABLES = {
     "trust": trust,
     "ablations": ablations,
     "nodes": nodes,
+    "speed": speed,
 }
 
 

@@ -10,7 +10,7 @@ from ament_index_python.packages import get_package_prefix, get_package_share_di
 pytestmark = pytest.mark.ros
 
 ROOT = Path(__file__).resolve().parents[2]
-COMMANDS = ("simulate", "convert", "info", "play", "record", "run", "evaluate", "view", "demo")
+COMMANDS = ("simulate", "convert", "info", "play", "record", "run", "evaluate", "view", "demo", "bench")
 EXECUTABLES = [
     *(("neuse_" + name, name) for name in ("encoder_node", "slam_node", "mapper_node")),
     *(("neuse_bags", name) for name in COMMANDS),

@@ -4,7 +4,8 @@ from collections import defaultdict
 
 import pytest
 
-from neuse.evaluation.comparison import OTHERS
+from neuse.evaluation import tables
+from neuse.evaluation.comparison import OTHERS, ComparisonText
 from neuse.evaluation.tables import TABLES, Table, wilson, write_page
 from neuse.evaluation.variants import VARIANTS, params_of
 
@@ -56,12 +57,22 @@ def test_without_trials_nothing_is_known():
     assert wilson(0, 0) == (0.0, 1.0)
 
 
-@pytest.mark.parametrize("name", TABLES)
+@pytest.mark.parametrize("name", sorted(TABLES.keys() - {"speed"}))
 def test_every_row_of_every_table_fills_its_columns(name):
     table = TABLES[name](Canned(), 3)
     assert table.rows
     assert {len(row) for row in table.rows} == {len(table.columns)}
     assert name in table.command or table.command == "make evaluate"
+
+
+def test_speed_is_that_of_the_bench_beside_the_folder(tmp_path, monkeypatch):
+    read = []
+    text = ComparisonText("Speed", "", ("", "here"), (("encoder", "4"),))
+    monkeypatch.setattr(tables, "beside_paper", lambda path: read.append(path) or text)
+    results = Canned()
+    results.folder = tmp_path / "evaluate"
+    assert TABLES["speed"](results, 3).rows == text.rows
+    assert read == [tmp_path / "bench" / "bench.json"]
 
 
 def test_localisation_gives_medians_and_dashes():
