@@ -232,7 +232,7 @@ def test_external_edges_are_taken_in_and_counted(steps):
 
 def test_odometry_goes_on_from_where_an_external_edge_has_moved_the_camera(steps):
     """A blind camera that is told to stand a metre further is predicted from there."""
-    slam = make_slam()
+    slam = make_slam(solver__acceleration_mps2=0.0)
     blind = [replace(step.frame, observations=()) for step in steps[:4]]
     for frame, step in zip(blind[:3], steps, strict=False):
         slam.step(frame, step.odometry)
@@ -315,4 +315,4 @@ def test_large_world_is_tracked_within_30_mm_and_nothing_is_confused():
     assert ate_rmse_m(slam.trajectory(), steps) < 0.03
     names = names_of_ids(frames, steps)
     assert all(len(given) == 1 for given in names.values())
-    assert len(names) <= 51  # one object is met a single time, then anew after a blind gap
+    assert len(names) <= 52  # two objects are met once or twice, then anew after a blind gap
