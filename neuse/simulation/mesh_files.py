@@ -4,6 +4,7 @@ import json
 import struct
 from pathlib import Path
 
+import numpy as np
 import trimesh
 
 from neuse.errors import MeshError
@@ -36,6 +37,8 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
         raise MeshError(f"{path} cannot be read as a mesh ({error}); export it again") from error
     if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
         raise MeshError(f"{path} has no faces; export it as a triangle mesh")
+    if mesh.vertices.shape[1:] != (3,) or not np.isfinite(mesh.vertices).all():
+        raise MeshError(f"{path} has vertices without three finite coordinates; export it again")
     if len(mesh.faces) > MAX_FACES:
         raise MeshError(f"{path} has {len(mesh.faces)} faces; simplify it to {MAX_FACES} or fewer")
     return trimesh.Trimesh(mesh.vertices, mesh.faces)  # materials have seams, which keep vertices apart

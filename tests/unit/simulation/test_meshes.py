@@ -135,3 +135,14 @@ def test_damaged_or_empty_file_is_refused_by_name(tmp_path: Path, content: bytes
     (tmp_path / "mug" / f"bad.{suffix}").write_bytes(content)
     with pytest.raises(MeshError, match=rf"bad\.{suffix}"):
         load_meshes(tmp_path, "mug")
+
+
+@pytest.mark.parametrize("corner", ["0.1 0.1", "nan 0 0"])
+def test_mesh_without_three_finite_coordinates_is_refused(tmp_path: Path, corner: str) -> None:
+    (tmp_path / "mug").mkdir()
+    plane = len(corner.split()) == 2
+    others = ["0 0", "0.1 0", "0 0.1"] if plane else ["0 0 0", "0.1 0 0", "0 0.1 0"]
+    lines = [f"v {point}" for point in [*others, corner]] + ["f 1 2 3", "f 1 2 4", "f 1 3 4", "f 2 3 4"]
+    (tmp_path / "mug" / "a.obj").write_text("\n".join(lines))
+    with pytest.raises(MeshError, match=r"a\.obj"):
+        load_meshes(tmp_path, "mug")
