@@ -263,8 +263,9 @@ def smooth_motion_factor(before: int, after: int, duration_s: float, acceleratio
     params.setIntegrationCovariance(FIXED**2 * np.eye(3))
     nothing = gtsam.PreintegratedImuMeasurements(params, gtsam.imuBias.ConstantBias())
     nothing.integrateMeasurement(np.zeros(3), np.zeros(3), duration_s)
-    ends = [key for i in (before, after) for key in (_pose_key(i), gtsam.symbol(VELOCITY, i))]
-    return gtsam.ImuFactor(*ends, gtsam.symbol(BIAS, after), nothing)
+    v_before, v_after = gtsam.symbol(VELOCITY, before), gtsam.symbol(VELOCITY, after)
+    bias = gtsam.symbol(BIAS, after)
+    return gtsam.ImuFactor(_pose_key(before), v_before, _pose_key(after), v_after, bias, nothing)
 
 
 def sighting_factor(
