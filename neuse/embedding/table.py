@@ -51,17 +51,19 @@ ROWS = (
     Row("encoder, ms an object", ("speed", "encode_ms_per_object"), 6.0),
     Row("decoder, ms for 20 000 points", ("speed", "decode_20k_ms"), 30.0),
 )
-SPEED_ROWS = tuple(row for row in ROWS if row.path[0] == "speed")
 NEES_GROUPS = ("mug", "mug + bottle", "2 mugs + 2 bottles")
 NEES_RANGE = (0.7, 1.5)
 
 
 def rows_of(categories: Collection[str]) -> list[Row]:
-    """The rows that are of these categories: ROWS of mugs and bottles, the same few of any others."""
+    """The rows that are of these categories: ROWS of mugs and bottles, the same few of any others.
+
+    Speed is that of the network, which is the same for all.
+    """
     told = [row for row in ROWS if row.category in categories]
     if told:
         return [row for row in ROWS if row.category in ("", *categories)]
-    return [row for category in categories for row in _rows_of_other(category)] + list(SPEED_ROWS)
+    return [row for category in categories for row in _rows_of_other(category)]
 
 
 def _rows_of_other(category: str) -> list[Row]:
