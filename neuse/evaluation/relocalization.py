@@ -176,8 +176,8 @@ def picture(returns: Sequence[Return], path: Path) -> None:
     """Seconds until found and the error then, a dot each, with the bars."""
     figure = Figure(figsize=(6, 4), layout="constrained")
     axes = figure.subplots()
-    found = [r for r in returns if r.after_s is not None]
-    axes.scatter([r.after_s for r in found], [100 * (r.error_m or 0.0) for r in found], s=25)
+    found = [(r.after_s, 100.0 * (r.error_m or 0.0)) for r in returns if r.after_s is not None]
+    axes.scatter([after_s for after_s, _ in found], [error_cm for _, error_cm in found], s=25)
     axes.axhline(100 * BAR_M, color="tab:red", linewidth=1)
     axes.set(
         xlabel="data until the camera was found (s)", ylabel="error then (cm)", xlim=(0, None), ylim=(0, None)

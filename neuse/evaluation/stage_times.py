@@ -112,11 +112,12 @@ def _rendered(world: World, frames: int) -> Iterator[SimulatedFrame]:
 
 
 def _map_bytes(mapper: ObjectMapper) -> tuple[float, float]:
-    """Bytes an object: of the map file with its evidence of free space, and of codes and points alone."""
+    """Bytes an object: of the map file with its evidence of free space, and of the codes and points of its views alone."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "map.npz"
         mapper.save(path)
         stored, size = load_map(path), path.stat().st_size
     count = max(len(stored.objects), 1)
-    own = sum(o.points.nbytes + o.code.z.nbytes + o.code.descriptor.nbytes for o in stored.objects)
+    views = [view for item in stored.objects for view in item.views.values()]
+    own = sum(v.points.nbytes + v.code.z.nbytes + v.code.descriptor.nbytes for v in views)
     return size / count, own / count
