@@ -112,7 +112,7 @@ def _rendered(world: World, frames: int) -> Iterator[SimulatedFrame]:
 
 
 def _map_bytes(mapper: ObjectMapper) -> tuple[float, float]:
-    """Bytes an object: of the map file with its evidence of free space, of codes and points of views alone."""
+    """Bytes an object of the map file with its evidence of free space, and of its views alone."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "map.npz"
         mapper.save(path)
