@@ -95,13 +95,13 @@ class ObjectMapper:
             self._presence.update(keyframe, self._memory, self._library, seen_ids)
             self._judge_newcomers(set(keyframe.centers))
         if frame.loop_closed:
-            self._merge_duplicates()
+            self.merge_duplicates()
         return self._detect_changes(final=False)
 
     def finalize(self) -> tuple[ObjectChange, ...]:
         """Decide what is still waiting for evidence, at the end of a bag or when the camera stops."""
         self._judge_newcomers(self._newcomers)
-        self._merge_duplicates()
+        self.merge_duplicates()
         return self._detect_changes(final=True)
 
     @property
@@ -118,6 +118,11 @@ class ObjectMapper:
     def places(self) -> dict[int, Array]:
         """{object id: (3,) centre, map frame} of all objects, those that are gone where they were."""
         return {record.object_id: record.center for record in self._library}
+
+    def merge_duplicates(self) -> None:
+        """Objects that drift had kept apart, or that two sessions have named at once, are one."""
+        for duplicate_id, kept_id in self._judge.duplicates():
+            self._merge(duplicate_id, kept_id)
 
     def settle_names(self, index: int = 0, n_sessions: int = 1) -> None:
         """Session `index` names objects anew: nothing means any more what it meant by a name before."""
@@ -235,11 +240,6 @@ class ObjectMapper:
                 self._detector.note_come(object_id, self._stamp_ns)
                 for displaced_id in verdict.displaced:
                     self._presence.displace(displaced_id)
-
-    def _merge_duplicates(self) -> None:
-        """Objects that drift had kept apart and a loop closure has brought together are one."""
-        for duplicate_id, kept_id in self._judge.duplicates():
-            self._merge(duplicate_id, kept_id)
 
     def _merge(self, duplicate_id: int, kept_id: int) -> None:
         """One object under two ids."""

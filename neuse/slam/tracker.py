@@ -7,7 +7,7 @@ import numpy as np
 
 from neuse.embedding.code import Code
 from neuse.geometry import Array
-from neuse.records import Observation
+from neuse.records import NO_ID, Observation
 from neuse.slam.association import Association, AssociationParams, associate
 from neuse.slam.completion import complete
 from neuse.slam.displacement import DisplacementWatch
@@ -110,7 +110,9 @@ class ObjectTracker:
     def near_at_hand(self, min_sightings: int, max_drift_m: float) -> list[Track]:
         """Active tracks whose places are well known relative to the camera, the last seen first."""
         seen = [track for track in self.library.active() if track.n_sightings >= min_sightings]
-        drifts_m = np.sqrt(self.library.table.drifts(seen, self._drift)[:, 1]) if seen else []
+        if not seen:
+            return []
+        drifts_m = np.sqrt(self.library.table.drifts(seen, self._drift)[:, 1])
         near = [track for track, drift_m in zip(seen, drifts_m, strict=True) if drift_m <= max_drift_m]
         return sorted(near, key=lambda track: (-track.last_frame, track.key))
 
@@ -127,11 +129,17 @@ class ObjectTracker:
                 track = own[object_id]
                 track.object_id, track.confirmed = object_id, True
                 adopted.append(track)
-            elif object_id not in here:
+            elif object_id not in here and not self._follows(code):
                 frames = prior.frames[[i]]
                 last = LastSighting(frames, code.center, np.eye(4))
                 adopted.append(self.library.adopt(object_id, code, frames.vectors[:, 0], last, self._drift))
         return adopted
+
+    def _follows(self, code: Code) -> bool:
+        """Whether one of its own objects, under another name, is the one with this code in the map."""
+        near = self.library.table.near(code.center, self.association.delta_prox_m)
+        rivals = [track for track in self.library.table.at(near) if track.object_id != NO_ID]
+        return bool((similarity([code], rivals) >= self.association.delta_shape).any())
 
     def enter_graph(self, seen: Sequence[Track]) -> list[Track]:
         """Those tracks of a keyframe that have now been seen often enough to constrain keyframes."""

@@ -219,6 +219,8 @@ class MapperNode(StageNode):
             self._draw()
 
     def _publish_map(self) -> None:
+        if len(self._namespaces) > 1:
+            self._mapper.merge_duplicates()
         object_map = self._mapper.object_map
         self.health.state("objects", len(object_map.objects))
         message = conversions.object_map_to_msg(object_map, self._params.map_frame)
