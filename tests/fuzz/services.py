@@ -66,7 +66,8 @@ def _building(defaults: Any) -> Callable[[tuple[str, Any]], None]:
         name, value = given
         params = build(defaults, {name: value})
         for own, sound in zip(flatten(params).values(), flatten(defaults).values(), strict=True):
-            assert isinstance(own, type(sound)) or (isinstance(sound, float) and isinstance(own, int)), name
+            kinds = {float: float | int, tuple: tuple | list}.get(type(sound), type(sound))
+            assert isinstance(own, kinds), name
             assert isinstance(own, bool) == isinstance(sound, bool), name
             assert_sound(float(own) if isinstance(own, int) else own, name)
 

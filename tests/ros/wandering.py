@@ -57,6 +57,12 @@ class Graph:
         """Until a node has counted so much."""
         self.peer.wait_for(lambda: self._count(node, name) >= least, f"{least} x {name} of {node}")
 
+    def wait_for_report(self, node: str) -> None:
+        """Until a node that has just been started tells how it is."""
+        heard = self.peer.heard["/diagnostics"]
+        heard.clear()
+        self.peer.wait_for(lambda: any(s.name == node for m in heard for s in m.status), f"word of {node}")
+
     def _count(self, node: str, name: str) -> int:
         """A counter as the node told it last."""
         told = (s for m in reversed(self.peer.heard["/diagnostics"]) for s in m.status if s.name == node)
