@@ -16,6 +16,7 @@ from wandering import Graph, assert_map_is_true, messages_of, prepared, start_gr
 
 from neuse.geometry import exp
 from neuse.records import ObjectMap
+from neuse_encoder_node.conversions import stamp_from_msg
 from neuse_msgs.msg import ObjectObservationArray
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -99,6 +100,20 @@ def test_mapper_that_is_killed_and_started_again_has_the_whole_map_within_second
         assert known[item.object_id].first_seen_ns == item.first_seen_ns
 
 
+def test_slam_node_that_is_killed_and_started_again_finds_its_place_in_the_map(graph: Graph, start_node):
+    world = narrow_world()
+    steps = prepared(world.steps(), run=4)
+    before = final_map(graph, steps[:90])
+    assert len(before.objects) == 12
+    graph.slam.process.kill()
+    graph.slam = start_node("slam_node")
+    graph.wait_for_report("slam_node")
+    used = resume(graph, steps[95:175])
+    after = final_map(graph, steps[95 + used : 100 + used])
+    assert {item.object_id for item in after.objects} == {item.object_id for item in before.objects}
+    assert_map_is_true(after, world.things, steps[0].T_world_camera)
+
+
 def test_encoder_that_is_killed_and_started_again_goes_on(node: Node, start_node):
     peer = Peer(node, "encoder_node")
     seen = peer.listen(ObjectObservationArray, "neuse/observations")
@@ -124,13 +139,13 @@ def send_until_seen(peer: Peer, seen: list[ObjectObservationArray], start_ns: in
 
 
 def resume(graph: Graph, steps: list[Step]) -> int:
-    """Send steps until the graph is whole again, which shows by a later map; how many steps that took."""
-    maps = graph.peer.heard["neuse/map"]
-    before = len(maps)
+    """Send steps until the graph is whole again, which shows by a map of them; how many that took."""
+    maps, start_ns = graph.peer.heard["neuse/map"], steps[0].frame.stamp_ns
+    maps.clear()
     for used, step in enumerate(steps, start=1):
         for topic, message in messages_of([step]):
             graph.peer.send(topic, message)
         graph.peer.spin(0.3)
-        if len(maps) > before and len(maps[-1].objects) > 0:
+        if maps and stamp_from_msg(maps[-1].header.stamp) >= start_ns:
             return used
     raise AssertionError(f"no map within {len(steps)} steps")
