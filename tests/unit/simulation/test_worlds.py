@@ -48,7 +48,7 @@ def assert_equal(first, second):
 
 
 def test_unknown_preset_is_refused_with_the_known_ones():
-    with pytest.raises(ParamError, match=r"'table-top'.*tabletop, synthetic-planar, .*triple-infinity"):
+    with pytest.raises(ParamError, match=r"'table-top'.*tabletop, .*synthetic-planar, .*triple-infinity"):
         make_world("table-top", seed=0)
 
 
