@@ -219,12 +219,15 @@ class ObjectMapper:
 
     def _recognise_unmatched(self, frame: TrackedFrame, keyframe: SeenKeyframe) -> set[int]:
         """Objects that association missed but the object graph finds in place: a mug with hidden handle."""
-        unmatched = [t for t in frame.observations if t.status == MatchStatus.UNMATCHED]
-        unmatched = [t for t in unmatched if tells_shape(t.observation.code)]
-        recognised = {self._judge.recognise(tracked, keyframe) for tracked in unmatched}
-        found = {object_id for object_id in recognised if object_id is not None}
-        for object_id in found:
-            self._library.records[object_id].seen(self._tick, frame.stamp_ns)
+        found = set()
+        for tracked in frame.observations:
+            object_id = None
+            if tracked.status == MatchStatus.UNMATCHED:
+                object_id = self._judge.recognise(tracked, keyframe)
+            if object_id is not None:
+                record = self._library.records[object_id]
+                record.seen(self._tick, frame.stamp_ns, tells_shape(tracked.observation.code))
+                found |= {object_id} if record.last_tick == self._tick else set()
         return found
 
     def _judge_newcomers(self, object_ids: Set[int]) -> None:
