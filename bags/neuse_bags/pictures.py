@@ -56,7 +56,7 @@ def read_picture(
     """
     if not os.path.isfile(path):  # which takes names that no file can have
         raise InputError("missing_picture", f"{path} does not exist; {asked_by} asks for it")
-    _check_png_size(path, 4 * size[0] * size[1] if size else MOST_PIXELS)
+    _check_png(path, 4 * size[0] * size[1] if size else MOST_PIXELS)
     colored = kinds is COLOR_KINDS
     pixels = cv2.imread(str(path), cv2.IMREAD_COLOR if colored else cv2.IMREAD_UNCHANGED)
     if pixels is None:
@@ -72,15 +72,20 @@ def read_picture(
     return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB) if colored else pixels
 
 
-def _check_png_size(path: Path, most_pixels: int) -> None:
-    """Raises InputError for a PNG that claims a size which would only take memory."""
-    with path.open("rb") as file:
-        head = file.read(24)
-    if head.startswith(b"\x89PNG") and len(head) == 24:
-        width, height = struct.unpack(">II", head[16:])
-        if width * height > most_pixels:
-            told = f"{path} claims to be {width} x {height} pixels"
-            raise InputError("unequal_size", f"{told}, which is far too large; export it again")
+def _check_png(path: Path, most_pixels: int) -> None:
+    """Raises InputError for a PNG that claims a size, or a part of a size, that would only take memory."""
+    data = path.read_bytes()
+    if not data.startswith(b"\x89PNG") or len(data) < 24:
+        return  # the decoder has more to say
+    width, height = struct.unpack_from(">II", data, 16)
+    if width * height > most_pixels:
+        told = f"{path} claims to be {width} x {height} pixels"
+        raise InputError("unequal_size", f"{told}, which is far too large; export it again")
+    place = 8
+    while place + 12 <= len(data):
+        place += 12 + struct.unpack_from(">I", data, place)[0]
+    if place > len(data):
+        raise InputError("unreadable_picture", f"{path} is not a readable picture: a part of it is missing")
 
 
 def read_json(path: Path, example: str) -> dict[str, Any]:

@@ -133,6 +133,15 @@ def test_picture_that_claims_an_absurd_size_is_refused_before_memory_is_taken(tu
         list(open_tum(tum).frames())
 
 
+def test_picture_with_a_part_of_absurd_size_is_refused_before_memory_is_taken(tum: Path) -> None:
+    picture = tum / "depth" / f"{STAMPS_S[0]}.png"
+    data = bytearray(picture.read_bytes())
+    data[33] = 0x4B  # length of the second part: over a gigabyte
+    picture.write_bytes(data)
+    with pytest.raises(InputError, match="a part of it is missing"):
+        list(open_tum(tum).frames())
+
+
 def test_depth_of_eight_bits_is_refused(tum: Path) -> None:
     write_picture(tum / "depth" / f"{STAMPS_S[0]}.png", depth(100).astype(np.uint8))
     with pytest.raises(InputError, match=r"8 bit; depth\.txt wants 32 x 24 pixels, 1 channel\(s\) of 16 bit"):
