@@ -15,18 +15,6 @@ OPTIONAL = {"pose_graph_tools_msgs", "rtabmap_msgs"}
 # neuse_slam_node, on which it depends itself.
 WHEELS = {"numpy", "trimesh", "mcap", "rosbags", "lz4", "backports", "rerun", "tqdm", "yaml", "cv2"}
 WHEELS |= {"setuptools"}
-    "numpy",
-    "trimesh",
-    "mcap",
-    "rosbags",
-    "lz4",
-    "backports",
-    "rerun",
-    "tqdm",
-    "yaml",
-    "cv2",
-    "setuptools",
-}
 
 
 def imported(folder: Path) -> set[str]:
