@@ -9,7 +9,7 @@ from neuse.errors import SolverError
 from neuse.geometry import Array, inverse
 from neuse.records import Edge, EdgeKind
 from neuse.slam.keyframes import KeyframeRecord
-from neuse.slam.object_frames import LEAST_SHARE, ObjectFrames, frames_at
+from neuse.slam.object_frames import HIDDEN_HANDLE_RAD, LEAST_SHARE, ObjectFrames, frames_at
 from neuse.slam.odometry import NANOSECONDS
 from neuse.slam.pose_graph import PoseGraph, SlidingWindow, SolverParams
 from neuse.slam.track import Track, heights_of, orthonormal_places, places_of, sigmas_of
@@ -17,7 +17,6 @@ from neuse.slam.track import Track, heights_of, orthonormal_places, places_of, s
 LEVER_M = 0.3  # where a handle becomes a point: so far out that its noise is that of the direction
 LOOSE_RAD = 1.0  # along directions in which a point on the lever says nothing
 LEAST_HALF_HEIGHT_M = 0.01  # of ends that tell an axis
-MAX_HANDLE_SIGMA_RAD = 0.6  # a handle known no better is hidden
 RECENT = 20  # keyframes whose poses are read after every solution
 KNOWN_SIGMAS = np.array([0.05, 0.05, 0.15, 0.01, 0.01, 0.01])  # of places in a map made by others
 TOP, BOTTOM, HANDLE = range(3)
@@ -278,4 +277,4 @@ def _n_points(frames: ObjectFrames, i: int) -> int:
 
 
 def _handle_hidden(frames: ObjectFrames, i: int) -> bool:
-    return bool(frames.ambiguous[i] or frames.sigmas[i, 2] > MAX_HANDLE_SIGMA_RAD)
+    return bool(frames.ambiguous[i] or frames.sigmas[i, 2] > HIDDEN_HANDLE_RAD)

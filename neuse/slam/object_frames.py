@@ -16,6 +16,7 @@ from neuse.geometry import Array
 from neuse.params import CheckedParams, param
 
 LARGEST = 1e4  # of the numbers in a code: metres, radians, cosines
+HIDDEN_HANDLE_RAD = 0.6  # a handle known no better says nothing
 UNTOLD_RAD = 3.0  # an axis known no better is not told at all: that of a box, whose edges have no names
 LEAST_SHARE = 0.01  # of a variance along the axis that stays, whatever the height says
 

@@ -19,13 +19,12 @@ from neuse.params import CheckedParams, param
 from neuse.slam.clique import max_weight_clique
 from neuse.slam.layout import angles_between
 from neuse.slam.library import similarity
-from neuse.slam.object_frames import ObjectFrames, frames_at
+from neuse.slam.object_frames import HIDDEN_HANDLE_RAD, ObjectFrames, frames_at
 from neuse.slam.prior_map import PriorMap
 from neuse.slam.registration import Alignment, align_frames
 from neuse.slam.track import Track, heights_of, places_of, sigmas_of
 
 TRACK_SIGMAS = np.array([0.03, 0.03, 0.15, 0.005, 0.005, 0.005])  # of places, as ObjectFrames.sigmas
-HIDDEN_HANDLE_RAD = 0.6  # a handle known no better says nothing
 LEAN = 0.1  # of axes, as a share of the distance to another object
 NEIGHBOURHOOD_M = 0.3  # in which objects stand as densely as they do where there are any
 SAME_POSE_M, SAME_POSE_RAD = 0.05, 0.05
