@@ -9,16 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
 
-import numpy as np
-
 from neuse.geometry import transform_points
 from neuse.mapping.mapper import ObjectMapper
 from neuse.records import NO_ID, Keyframe, MatchStatus, TrackedFrame
+from neuse.slam.prior_map import MAX_HELD_FRAMES, in_their_places
 
 Step = tuple[TrackedFrame, Sequence[Keyframe]]
 STRIDE = 1_000_000  # keyframes of one session
-MAX_HELD = 3000
-SAME_PLACE_M = 0.3
 
 
 @dataclass
@@ -28,7 +25,7 @@ class _Session:
     first_key: int
     is_member: bool = True
     has_begun: bool = False
-    held: deque[Step] = field(default_factory=lambda: deque[Step](maxlen=MAX_HELD))
+    held: deque[Step] = field(default_factory=lambda: deque[Step](maxlen=MAX_HELD_FRAMES))
 
 
 class Sessions:
@@ -82,12 +79,12 @@ class Sessions:
 
     def _agrees(self, frame: TrackedFrame) -> bool | None:
         """Whether most objects that the frame names are where the map has them; None if the map has none."""
-        places, far_m = self._mapper.places(), list[float]()
-        for tracked in frame.observations:
-            if tracked.status == MatchStatus.MATCHED and tracked.object_id in places:
-                center = transform_points(frame.T_map_camera, tracked.observation.code.center)
-                far_m.append(float(np.linalg.norm(center - places[tracked.object_id])))
-        return 2 * sum(far <= SAME_PLACE_M for far in far_m) > len(far_m) if far_m else None
+        seen = {
+            tracked.object_id: transform_points(frame.T_map_camera, tracked.observation.code.center)
+            for tracked in frame.observations
+            if tracked.status == MatchStatus.MATCHED
+        }
+        return in_their_places(seen, self._mapper.places())
 
 
 def _renumbered(frame: TrackedFrame, keyframes: Sequence[Keyframe], first_key: int) -> Step:

@@ -9,16 +9,12 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from neuse.geometry import Array
 from neuse.params import CheckedParams, param
 from neuse.records import NO_ID, Edge, TrackedFrame, TrackedObservation
-from neuse.slam.prior_map import PriorMap
+from neuse.slam.prior_map import MAX_HELD_FRAMES, PriorMap, in_their_places
 from neuse.slam.relocalization import RelocalizationParams, Relocalizer
 from neuse.slam.slam import ObjectSlam
-
-SAME_PLACE_M = 0.3  # an object further from where the map has it is not where the map has it
 
 
 @dataclass(frozen=True)
@@ -29,7 +25,10 @@ class JoiningParams(CheckedParams):
         False, "wait for a map even before one is heard of; false: the first frame begins a map"
     )
     max_held_frames: int = param(
-        3000, "frames that are held back until the map is joined; beyond it the oldest goes", 1, 1000000
+        MAX_HELD_FRAMES,
+        "frames that are held back until the map is joined; beyond it the oldest goes",
+        1,
+        1000000,
     )
     session: int = param(0, "number of this session among those that share one mapper", 0, 1000)
     sessions: int = param(1, "how many sessions share one mapper; each names objects in turn", 1, 1000)
@@ -97,11 +96,8 @@ class Joiner:
         return [*out[:-1], replace(out[-1], loop_closed=True)]
 
     def _is_inside(self, prior: PriorMap) -> bool:
-        """Whether the session's objects are those of the map: most of the same name stand in one place."""
-        places, centers = self._slam.places(), dict(zip(prior.ids, prior.centers, strict=True))
-        shared = places.keys() & centers.keys()
-        n_there = sum(bool(np.linalg.norm(places[i] - centers[i]) <= SAME_PLACE_M) for i in shared)
-        return 2 * n_there > len(shared)
+        """Whether the session's objects are those of the map."""
+        return bool(in_their_places(self._slam.places(), dict(zip(prior.ids, prior.centers, strict=True))))
 
     def _count_ids(self, used: int) -> None:
         """Names that no object of the map and no other session has."""

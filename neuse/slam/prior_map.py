@@ -4,7 +4,7 @@ Codes are all that is needed of it. Its frame is `map`; a session that is to joi
 own, `session`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,6 +14,9 @@ from neuse.embedding.code import Code
 from neuse.geometry import Array
 from neuse.records import ObjectMap, ObjectStatus
 from neuse.slam.object_frames import ObjectFrames, SigmaParams, is_usable, reduce_codes
+
+SAME_PLACE_M = 0.3  # an object further from where the map has it is not where the map has it
+MAX_HELD_FRAMES = 3000  # of a session that is not in the map yet
 
 
 @dataclass(frozen=True)
@@ -29,13 +32,18 @@ class PriorMap:
 
     @classmethod
     def of(cls, object_map: ObjectMap) -> "PriorMap":
-        """What a map tells a session that comes to it; codes that are none are left out."""
-        present = {
-            known.object_id: known.code
-            for known in object_map.objects
-            if known.status != ObjectStatus.REMOVED and is_usable(known.code)
-        }
-        return cls(present, 1 + max((known.object_id for known in object_map.objects), default=-1))
+        """What a map tells a session that comes to it."""
+        return cls.told((known.object_id, known.status, known.code) for known in object_map.objects)
+
+    @classmethod
+    def told(cls, objects: Iterable[tuple[int, ObjectStatus, Code]]) -> "PriorMap":
+        """Of all objects that a map has ever shown those that are there; codes that are none are left out."""
+        present, next_id = dict[int, Code](), 0
+        for object_id, status, code in objects:
+            next_id = max(next_id, object_id + 1)
+            if status != ObjectStatus.REMOVED and is_usable(code):
+                present[object_id] = code
+        return cls(present, next_id)
 
     def __len__(self) -> int:
         return len(self.codes)
@@ -61,3 +69,13 @@ class PriorMap:
             return 0.0
         between_m = np.linalg.norm(self.centers[:, None] - self.centers[None], axis=-1)
         return float((between_m <= radius_m).sum(axis=1).mean() - 1.0)
+
+
+def in_their_places(centers: Mapping[int, Array], known: Mapping[int, Array]) -> bool | None:
+    """Whether most objects stand where a map has those of the same name; None if it has none of them.
+
+    Both are {object id: (3,) centre, frame `map`, metres}.
+    """
+    shared = centers.keys() & known.keys()
+    n_there = sum(bool(np.linalg.norm(centers[i] - known[i]) <= SAME_PLACE_M) for i in shared)
+    return 2 * n_there > len(shared) if shared else None

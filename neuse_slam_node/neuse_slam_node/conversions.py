@@ -22,6 +22,7 @@ from neuse.records import (
     Keyframe,
     MatchStatus,
     ObjectChange,
+    ObjectStatus,
     OdometrySample,
     TrackedFrame,
     TrackedObservation,
@@ -41,7 +42,7 @@ from neuse_encoder_node.conversions import (
 )
 from neuse_encoder_node.images import depth_from_msg, depth_to_msg
 from neuse_msgs.msg import Keyframe as KeyframeMsg
-from neuse_msgs.msg import KeyframeArray, MapObject, ObjectMap, PoseGraphEdge, PoseGraphEdgeArray
+from neuse_msgs.msg import KeyframeArray, ObjectMap, PoseGraphEdge, PoseGraphEdgeArray
 from neuse_msgs.msg import ObjectChange as ObjectChangeMsg
 from neuse_msgs.msg import TrackedFrame as TrackedFrameMsg
 from neuse_msgs.msg import TrackedObservation as TrackedObservationMsg
@@ -215,11 +216,12 @@ def prior_map_from_msg(message: ObjectMap) -> PriorMap:
     """What a map tells a session that did not make it.
 
     Raises:
-        InputError: `array_length` or `code`.
+        InputError: `array_length`, `enum_value`.
     """
-    present = [item for item in message.objects if item.status != MapObject.REMOVED]
-    next_id = 1 + max((item.object_id for item in message.objects), default=-1)
-    return PriorMap({item.object_id: code_from_msg(item.code) for item in present}, next_id)
+    return PriorMap.told(
+        (item.object_id, _enum(ObjectStatus, item.status), code_from_msg(item.code))
+        for item in message.objects
+    )
 
 
 def _tracked_to_msg(tracked: TrackedObservation) -> TrackedObservationMsg:

@@ -14,7 +14,8 @@ from sensor_msgs.msg import CameraInfo
 from neuse.errors import InputError
 from neuse.geometry import make_transform, transform_points
 from neuse.mapping.markers import Marker, MarkerKind
-from neuse.records import ChangeKind, Instance, RgbdFrame
+from neuse.records import ChangeKind, Instance, ObjectStatus, RgbdFrame
+from neuse.slam.prior_map import PriorMap
 from neuse_encoder_node import conversions as encoder
 from neuse_encoder_node.images import depth_to_msg
 from neuse_mapper_node import conversions as mapper
@@ -274,6 +275,16 @@ def test_code_that_is_none_is_refused_where_it_stands_for_an_object(value: float
     object_map.objects[0].code.descriptor[0] = value
     with pytest.raises(InputError, match="code of 'mug' is none"):
         mapper.object_map_from_msg(object_map)
+
+
+def test_prior_map_is_what_the_record_of_the_same_map_gives():
+    known = samples.object_map().objects[0]
+    gone = replace(known, object_id=9, status=ObjectStatus.REMOVED)
+    spoiled = replace(known, object_id=5, code=replace(known.code, z=np.full_like(known.code.z, np.nan)))
+    object_map = replace(samples.object_map(), objects=(known, spoiled, gone))
+    found = slam.prior_map_from_msg(sent(mapper.object_map_to_msg(object_map, "map")))
+    assert (found.ids, found.next_id) == ((4,), 10)
+    assert_same(found.codes[4], PriorMap.of(object_map).codes[4])
 
 
 @pytest.mark.parametrize("value", [float("nan"), -1.0])

@@ -5,29 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from neuse.geometry import exp, inverse, make_transform, rotation_angle
-from neuse.records import NO_ID, MapObject, MatchStatus, ObjectMap, ObjectStatus
+from neuse.geometry import inverse, rotation_angle
+from neuse.records import NO_ID, MatchStatus, ObjectStatus
 from neuse.slam.joining import Joiner, JoiningParams, moved
 from neuse.slam.prior_map import PriorMap
 from neuse.slam.slam import ObjectSlam, SlamParams
 
-from .synthetic import World, make_code, small_world
-
-SIGMAS = np.array([0.01, 0.01, 0.05, 0.002, 0.002, 0.002])
-HERE = np.eye(4)
-ELSEWHERE = make_transform(exp([0.0, 0.0, 2.0, 0.0, 0.0, 0.0])[:3, :3], [3.0, -1.0, 0.2])
-
-
-def map_of(world, T_map_world=HERE, first_id=20, status=ObjectStatus.UNCHANGED):
-    """The perfect map of a world, in a frame of its own, as an earlier session would have left it."""
-    objects = tuple(
-        MapObject(
-            first_id + thing.name, thing.category, status, T_map_world @ thing.T_world_object, np.zeros(3),
-            np.ones(3), make_code(thing, T_map_world @ thing.T_world_object, SIGMAS), 0, 1, 5,
-        )
-        for thing in world.things
-    )  # fmt: skip
-    return ObjectMap(1, objects)
+from .known_maps import ELSEWHERE, map_of
+from .synthetic import World, small_world
 
 
 def walk(world, start, count, seed=9):
@@ -55,7 +40,7 @@ def joined(request):
     world = small_world(3)
     slam = ObjectSlam(SlamParams(mode=request.param))
     joiner = Joiner(slam)
-    joiner.offer(PriorMap.of(map_of(world, ELSEWHERE)))
+    joiner.offer(PriorMap.of(map_of(world.things, ELSEWHERE)))
     return world, slam, joiner, play(joiner, slam, walk(world, 20, 30).steps())
 
 
@@ -104,10 +89,10 @@ def test_session_that_has_joined_goes_on_when_the_map_is_told_again_and_learns_w
     known, last = replace_things(world, world.things[:-1]), world.things[-1]
     slam = ObjectSlam()
     joiner = Joiner(slam)
-    joiner.offer(PriorMap.of(map_of(known)))
+    joiner.offer(PriorMap.of(map_of(known.things)))
     play(joiner, slam, walk(world, 20, 12).steps())
     assert not joiner.is_waiting
-    assert joiner.offer(PriorMap.of(map_of(world))) is False
+    assert joiner.offer(PriorMap.of(map_of(world.things))) is False
     assert not joiner.is_waiting
     place = last.T_world_object[:3, 3]
     assert sum(np.linalg.norm(center - place) < 0.05 for center in slam.places().values()) == 1
@@ -124,7 +109,7 @@ def test_session_may_wait_for_a_map_to_come():
     joiner = Joiner(slam, JoiningParams(wait_for_map=True, session=1, sessions=2))
     steps = list(walk(world, 20, 16).steps())
     assert not any(out for _, out in play(joiner, slam, steps[:6]))
-    joiner.offer(PriorMap.of(map_of(world)))
+    joiner.offer(PriorMap.of(map_of(world.things)))
     out = [frame for _, frames in play(joiner, slam, steps[6:]) for frame in frames]
     assert len(out) == 16
 
@@ -132,7 +117,7 @@ def test_session_may_wait_for_a_map_to_come():
 def test_session_in_another_world_never_joins():
     slam = ObjectSlam()
     joiner = Joiner(slam)
-    joiner.offer(PriorMap.of(map_of(small_world(5, alike=0.9))))
+    joiner.offer(PriorMap.of(map_of(small_world(5, alike=0.9).things)))
     played = play(joiner, slam, walk(small_world(3, alike=0.9), 0, 120).steps(), with_odometry=True)
     assert joiner.is_waiting
     assert not any(out for _, out in played)
@@ -151,7 +136,7 @@ def test_running_session_begins_anew_in_a_map_that_is_not_its_own():
     joiner = Joiner(slam)
     steps = list(walk(world, 20, 24).steps())
     play(joiner, slam, steps[:8])
-    assert joiner.offer(PriorMap.of(map_of(world, ELSEWHERE, first_id=0))) is True
+    assert joiner.offer(PriorMap.of(map_of(world.things, ELSEWHERE, first_id=0))) is True
     out = [frames for _, frames in play(joiner, slam, steps[8:]) if frames]
     assert out[0][0].keyframe_id == 0
     assert out[0][0].stamp_ns == steps[8].frame.stamp_ns
@@ -160,7 +145,7 @@ def test_running_session_begins_anew_in_a_map_that_is_not_its_own():
 def test_map_that_is_gone_is_waited_for_no_longer():
     world, slam = small_world(3), ObjectSlam()
     joiner = Joiner(slam)
-    joiner.offer(PriorMap.of(map_of(small_world(5))))
+    joiner.offer(PriorMap.of(map_of(small_world(5).things)))
     steps = list(walk(world, 20, 10).steps())
     play(joiner, slam, steps[:5])
     assert joiner.offer(PriorMap({}, 0)) is True
@@ -172,13 +157,13 @@ def test_sessions_that_share_a_map_never_give_one_name_twice(session, expected):
     slam = ObjectSlam()
     joiner = Joiner(slam, JoiningParams(session=session, sessions=2))
     things = small_world(3).things[:5]
-    joiner.offer(PriorMap.of(map_of(replace_things(small_world(3), things), first_id=20)))
+    joiner.offer(PriorMap.of(map_of(things)))
     ids = slam._tracker.library._ids
     assert [next(ids), next(ids)] == expected
 
 
 def test_removed_objects_are_no_part_of_the_map_to_be_joined_but_keep_their_names():
-    prior = PriorMap.of(map_of(small_world(3), status=ObjectStatus.REMOVED))
+    prior = PriorMap.of(map_of(small_world(3).things, status=ObjectStatus.REMOVED))
     assert len(prior) == 0
     assert prior.next_id == 20 + 12
 
