@@ -19,9 +19,9 @@ import torch
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from neuse.evaluation.comparison import ComparisonText
 from neuse.evaluation.growth import association_times, optimisation_times
 from neuse.evaluation.stage_times import Run, alignment_times, decoding_times, encoder_times, pipeline_run
+from neuse.evaluation.table import Table
 from neuse.evaluation.timing import Times
 
 SIZES = (10, 100, 1_000, 10_000)
@@ -155,18 +155,19 @@ def table(figures: Figures) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def beside_paper(path: Path) -> ComparisonText:
+def beside_paper(path: Path) -> Table:
     """The figures of a bench.json beside the paper's; where it is missing, all but the nodes is run first."""
     if not path.exists():
         run_bench(path.parent)
     figures = json.loads(path.read_text())
     cores = figures["machine"]["cores"]
-    return ComparisonText(
+    return Table(
         "Speed",
         f"Medians on {cores} cores without a GPU, by the wall and by the processor's clock (all threads). "
         "Bars are for 2 such cores that have nothing else to do; the paper's figures are of an RTX 2070.",
         COLUMNS,
         tuple(_rows(figures)),
+        "make bench",
     )
 
 

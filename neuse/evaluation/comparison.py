@@ -1,7 +1,6 @@
 """Figures beside those of others (Tables II and IV): SLAM without objects, changes by geometry alone."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from typing import Any, Protocol
@@ -16,6 +15,7 @@ from neuse.evaluation.pose_errors import trajectory_errors
 from neuse.evaluation.relocalization import PRESETS as RETURN_PRESETS
 from neuse.evaluation.relocalization import Return, return_figures, return_of, summary
 from neuse.evaluation.run import run_encoded
+from neuse.evaluation.table import Table, command
 from neuse.evaluation.trajectory import FramePose, Trajectory, trajectory_of
 from neuse.params import build
 from neuse.pipeline import Pipeline, PipelineParams
@@ -51,16 +51,6 @@ class SeededResults(Protocol):
 
     def others_over_seeds(self, name: str, preset: str, seeds: int) -> list[Figures]:
         """Figures of one of OTHERS."""
-
-
-@dataclass(frozen=True)
-class ComparisonText:
-    """A table's title, note, columns and rows."""
-
-    title: str
-    note: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
 
 
 def run_joined(world: EncodedWorld, external: ExternalRun, noise: tuple[float, float]) -> Estimate:
@@ -114,7 +104,7 @@ OTHERS: dict[str, Callable[[EncodedWorld, Path], Figures]] = {
 }
 
 
-def beside_external_slam(results: SeededResults, seeds: int) -> ComparisonText:
+def beside_external_slam(results: SeededResults, seeds: int) -> Table:
     """Table II: median ATE on worlds with a real sensor's faults."""
     names = ("odometry", SCANS, f"{SCANS}, joined", FEATURES, f"{FEATURES}, joined")
     rows = []
@@ -136,17 +126,18 @@ def beside_external_slam(results: SeededResults, seeds: int) -> ComparisonText:
         FEATURES,
         f"{FEATURES} + ours",
     )
-    return ComparisonText(
+    return Table(
         "Beside other SLAM (Table II)",
         f"Median ATE (m) over {seeds} seeds. Scans: matching by small_gicp from the turn of odometry, "
         "with loop closures in a pose graph. Features: ORB and PnP with depth, without odometry, in "
         "the same graph. Joined: their odometry and loop closures enter ours as odom and external edges.",
         (*columns, "paper, joined (alone)"),
         tuple(rows),
+        command("external", seeds),
     )
 
 
-def beside_geometry(results: SeededResults, seeds: int) -> ComparisonText:
+def beside_geometry(results: SeededResults, seeds: int) -> Table:
     """Table IV's comparison: changes found by codes and by occupied space, on the same paths."""
     rows = [
         (
@@ -157,29 +148,31 @@ def beside_geometry(results: SeededResults, seeds: int) -> ComparisonText:
         )
         for preset in GEOMETRIC_PRESETS
     ]
-    return ComparisonText(
+    return Table(
         "Changes by geometry alone (Table IV)",
         f"TP / FP / FN summed over {seeds} seeds. Geometry: occupied against free space of each object, in "
         "the manner of panoptic multi-TSDFs, along the path that ours has estimated.",
         ("", "ours", "geometry", "paper, panoptic multi-TSDF"),
         tuple(rows),
+        command("geometric", seeds),
     )
 
 
-def coming_back(results: SeededResults, seeds: int) -> ComparisonText:
+def coming_back(results: SeededResults, seeds: int) -> Table:
     """Sessions that come back to a saved map when a third of the objects has moved or gone."""
     rows, everything = [], list[Return]()
     for preset in RETURN_PRESETS:
         returns = [return_of(figures) for figures in results.others_over_seeds("returns", preset, seeds)]
         everything += returns
         rows.append((preset, *summary(returns)))
-    return ComparisonText(
+    return Table(
         "Coming back to a saved map",
         f"{len(everything)} random starts that show three objects which stayed, a third of all having "
         "moved or gone; by codes alone, in ten seconds. Found: within 0.05 m and 2 degrees; wrong: off by "
         "0.10 m or 10 degrees. Medians (worst) of the time it took and of the error; changes found / false.",
         ("", "found", "wrong", "after (s)", "error (m)", "error (degrees)", "changes"),
         (*rows, ("all", *summary(everything))),
+        command("returns", seeds),
     )
 
 

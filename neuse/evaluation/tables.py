@@ -7,7 +7,6 @@ made with, so that a stopped command goes on where it was, and a changed program
 """
 
 import argparse
-import html
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,41 +16,12 @@ import numpy as np
 from scipy.stats import binomtest
 
 from neuse.evaluation.bench import beside_paper
-from neuse.evaluation.comparison import ComparisonText, beside_external_slam, beside_geometry, coming_back
-from neuse.evaluation.report import page
+from neuse.evaluation.comparison import beside_external_slam, beside_geometry, coming_back
 from neuse.evaluation.results import Result, Results
+from neuse.evaluation.table import Table, command, write_page
 
 SYNTHETIC = ("synthetic-planar", "synthetic-nonplanar")
 REAL = ("four-round", "triple-infinity")
-COMMAND = "python -m neuse.evaluation.tables --out out/evaluate --seeds {seeds} --tables {name}"
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of texts, the first column naming the rows, and the command that makes it."""
-
-    title: str
-    note: str
-    command: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-    def markdown(self) -> str:
-        """The table as GitHub shows it."""
-        lines = [self.columns, tuple("---" for _ in self.columns), *self.rows]
-        table = "\n".join("| " + " | ".join(line) + " |" for line in lines)
-        return f"## {self.title}\n\n{self.note}\n\n{table}\n\n`{self.command}`\n"
-
-    def html(self) -> str:
-        """The table as part of a page."""
-        head = "".join(f"<th>{html.escape(cell)}</th>" for cell in self.columns)
-        body = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in self.rows
-        )
-        return (
-            f"<h2>{html.escape(self.title)}</h2><p>{html.escape(self.note)}</p>"
-            f"<table><tr>{head}</tr>{body}</table><p><code>{html.escape(self.command)}</code></p>"
-        )
 
 
 @dataclass(frozen=True)
@@ -82,9 +52,9 @@ def localisation(results: Results, seeds: int) -> Table:
     return Table(
         "Localisation on synthetic worlds (Table I)",
         f"Median over {seeds} seeds. The paper's figures (mugs / all) are those of its planar world.",
-        COMMAND.format(seeds=seeds, name="localisation"),
         (*columns, "paper, mugs / all"),
         tuple(lines),
+        command("localisation", seeds),
     )
 
 
@@ -102,9 +72,9 @@ def changes(results: Results, seeds: int) -> Table:
         "Change detection (Table IV)",
         f"Sums over {seeds} seeds; precision and recall with Wilson's 95 % intervals; objects mapped / to be "
         "mapped, mapped twice, and ghosts.",
-        COMMAND.format(seeds=seeds, name="changes"),
         ("", "TP / FP / FN", "precision", "recall", "objects", "paper TP / FP / FN"),
         tuple(lines),
+        command("changes", seeds),
     )
 
 
@@ -119,9 +89,9 @@ def trust(results: Results, seeds: int) -> Table:
     return Table(
         "Trust: are the covariances honest?",
         "Normalised estimation error squared per degree of freedom; 1 is honest, below is cautious.",
-        COMMAND.format(seeds=seeds, name="trust"),
         ("", "mean", "median", "n"),
         tuple(lines),
+        command("trust", seeds),
     )
 
 
@@ -131,6 +101,7 @@ def ablations(results: Results, seeds: int) -> Table:
         "full mode": "full",
         "odometry only when blind": "full-odometry-when-blind",
         "without refinement by surfaces, codes alone": "full-no-refinement",
+        "without smooth motion": "full-no-smooth-motion",
         "without change feedback": "full-no-feedback",
         "without ambiguous objects": "full-mugs",
         "paper mode": "paper",
@@ -150,20 +121,10 @@ def ablations(results: Results, seeds: int) -> Table:
     return Table(
         "Ablations",
         f"Median ATE (m) and changes TP / FP / FN over {seeds} seeds.",
-        COMMAND.format(seeds=seeds, name="ablations"),
         ("", *(f"{preset}, {figure}" for preset in (SYNTHETIC[0], REAL[1]) for figure in ("ATE", "changes"))),
         tuple(lines),
+        command("ablations", seeds),
     )
-
-
-def external(results: Results, seeds: int) -> Table:
-    """Table II: see comparison.py."""
-    return _beside(beside_external_slam(results, seeds), "external", seeds)
-
-
-def geometric(results: Results, seeds: int) -> Table:
-    """Table IV, beside geometry alone: see comparison.py."""
-    return _beside(beside_geometry(results, seeds), "geometric", seeds)
 
 
 def nodes(results: Results, _: int) -> Table:
@@ -178,9 +139,9 @@ def nodes(results: Results, _: int) -> Table:
         "The node graph beside the pipeline",
         "One world of each kind, played at its recorded pace to the three nodes as processes; changes as "
         "TP / FP / FN; objects mapped / to be mapped.",
-        "make evaluate",
         ("", *(f"{name}, {system}" for name in names for system in ("pipeline", "nodes"))),
         tuple(lines),
+        "make evaluate",
     )
 
 
@@ -189,27 +150,17 @@ def _run_cells(run: Result) -> tuple[str, str, str]:
     return f"{run['ate_rmse_m']:.3f}", counts, f"{run['objects']['mapped']} / {run['objects']['true']}"
 
 
-def returns(results: Results, seeds: int) -> Table:
-    """Sessions that come back: see comparison.py."""
-    return _beside(coming_back(results, seeds), "returns", seeds)
-
-
-def speed(results: Results, seeds: int) -> Table:
+def speed(results: Results, _: int) -> Table:
     """Times, frames a second and memory beside the paper's: see bench.py."""
-    text = beside_paper(results.folder.parent / "bench" / "bench.json")
-    return Table(text.title, text.note, "make bench", text.columns, text.rows)
+    return beside_paper(results.folder.parent / "bench" / "bench.json")
 
 
-def _beside(text: ComparisonText, name: str, seeds: int) -> Table:
-    return Table(text.title, text.note, COMMAND.format(seeds=seeds, name=name), text.columns, text.rows)
-
-
-TABLES = {
+TABLES: dict[str, Callable[[Results, int], Table]] = {
     "localisation": localisation,
-    "external": external,
+    "external": beside_external_slam,
     "changes": changes,
-    "geometric": geometric,
-    "returns": returns,
+    "geometric": beside_geometry,
+    "returns": coming_back,
     "trust": trust,
     "ablations": ablations,
     "nodes": nodes,
@@ -260,16 +211,6 @@ def _nees_cells(parts: Sequence[dict | None]) -> tuple[str, str, str]:
 def _median(row: Row, runs: Sequence[Result]) -> str:
     values = [value for run in runs if (value := row.value(run)) is not None]
     return f"{median(values):.{row.digits}f}" if values else "-"
-
-
-def write_page(tables: Sequence[Table], docs: Path | None, file: Path) -> None:
-    """All tables as Markdown, if asked for, and as a page that needs no other file."""
-    if docs is not None:
-        docs.parent.mkdir(parents=True, exist_ok=True)
-        docs.write_text("# Results\n\n" + "\n".join(table.markdown() for table in tables))
-    body = "\n".join(table.html() for table in tables)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(page("Results", body))
 
 
 def main() -> None:

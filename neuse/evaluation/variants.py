@@ -30,6 +30,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     | {"slam.association.method": "nearest", "slam.association.delta_prox_m": 1.0},
     "full-odometry-when-blind": {"slam.odometry.use": "blind"},
     "full-no-refinement": CODES_ALONE,
+    "full-no-smooth-motion": {"slam.solver.acceleration_mps2": 0.0},
     "full-no-feedback": {"feedback_delay_s": NEVER_S},
 }
 

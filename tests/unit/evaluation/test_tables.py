@@ -5,8 +5,9 @@ from collections import defaultdict
 import pytest
 
 from neuse.evaluation import tables
-from neuse.evaluation.comparison import OTHERS, ComparisonText
-from neuse.evaluation.tables import TABLES, Table, wilson, write_page
+from neuse.evaluation.comparison import OTHERS
+from neuse.evaluation.table import Table, write_page
+from neuse.evaluation.tables import TABLES, wilson
 from neuse.evaluation.variants import VARIANTS, params_of
 
 NEES = {"mean": 9.0, "median": 6.0, "inside_95": 0.9, "n": 10, "dof": 6}
@@ -67,11 +68,11 @@ def test_every_row_of_every_table_fills_its_columns(name):
 
 def test_speed_is_that_of_the_bench_beside_the_folder(tmp_path, monkeypatch):
     read = []
-    text = ComparisonText("Speed", "", ("", "here"), (("encoder", "4"),))
+    text = Table("Speed", "", ("", "here"), (("encoder", "4"),), "make bench")
     monkeypatch.setattr(tables, "beside_paper", lambda path: read.append(path) or text)
     results = Canned()
     results.folder = tmp_path / "evaluate"
-    assert TABLES["speed"](results, 3).rows == text.rows
+    assert TABLES["speed"](results, 3) is text
     assert read == [tmp_path / "bench" / "bench.json"]
 
 
@@ -104,15 +105,20 @@ def test_nodes_stand_beside_the_pipeline_where_they_were_run():
     assert row_of(table, "tabletop")[1:] == ("0.010", "-", "4 / 1 / 0", "-", "11 / 12", "-")
 
 
+def test_ablations_have_a_row_without_smooth_motion():
+    assert row_of(TABLES["ablations"](Canned(), 1), "without smooth motion")[1:] == ("0.010", "4 / 1 / 0") * 2
+
+
 def test_variants_are_parameters_of_the_pipeline():
     for variant in VARIANTS:
         params_of(variant)
     assert params_of("paper-mugs").slam.mode == "edges"
     assert not params_of("full-mugs").slam.use_ambiguous
+    assert params_of("full-no-smooth-motion").slam.solver.acceleration_mps2 == 0.0
 
 
 def test_pages_hold_every_cell(tmp_path):
-    table = Table("Title", "note", "command", ("", "a<b"), (("row", "1"),))
+    table = Table("Title", "note", ("", "a<b"), (("row", "1"),), "command")
     write_page([table], tmp_path / "docs" / "results.md", tmp_path / "page.html")
     assert "| row | 1 |" in (tmp_path / "docs" / "results.md").read_text()
     page = (tmp_path / "page.html").read_text()
