@@ -54,10 +54,11 @@ class RunRecorder:
         self._writer.write(topic.name, message, self._stamp_ns)
 
     def _add_tracked(self, result: PipelineResult) -> None:
-        frame, keyframes = result.tracked, self._pipeline.slam.keyframes
+        frame = result.tracked
         if frame.edges:
             self._write(topics.EDGES, slam.edges_to_msg(frame.edges, frame.stamp_ns, CAMERA_FRAME))
         if frame.keyframe_id != NO_ID or frame.loop_closed:
+            keyframes = self._pipeline.slam.keyframes
             self._write(topics.KEYFRAMES, slam.keyframes_to_msg(keyframes, frame.stamp_ns, MAP_FRAME))
         self._write(topics.FRAMES, slam.tracked_frame_to_msg(frame, MAP_FRAME, CAMERA_FRAME))
         self._write(topics.EST_ODOMETRY, slam.odometry_to_msg(frame, MAP_FRAME, CAMERA_FRAME))

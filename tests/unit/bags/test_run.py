@@ -10,6 +10,7 @@ from neuse.errors import BagError, InputError
 from neuse.geometry import exp, make_transform
 from neuse.pipeline import PipelineResult
 from neuse.records import (
+    NO_ID,
     ChangeKind,
     Edge,
     EdgeKind,
@@ -41,19 +42,26 @@ class MadeUpPipeline:
 
     def __init__(self) -> None:
         self.slam = self.mapper = self
-        self.keyframes: list[Keyframe] = []
+        self.made: list[Keyframe] = []
+        self.times_read = 0
         self.odometry: list[OdometrySample | None] = []
         self.changes: tuple[ObjectChange, ...] = ()
         self.object_map = ObjectMap(0)
+
+    @property
+    def keyframes(self) -> tuple[Keyframe, ...]:
+        self.times_read += 1
+        return tuple(self.made)
 
     def step(self, frame: RgbdFrame, odometry: OdometrySample | None) -> PipelineResult:
         number = len(self.odometry)
         self.odometry.append(odometry)
         if number == 1:
             raise InputError("made_up", "this frame is refused")
-        self.keyframes.append(Keyframe(number, frame.stamp_ns, exp(np.full(6, 0.05 * number))))
+        if number != 3:
+            self.made.append(Keyframe(number, frame.stamp_ns, exp(np.full(6, 0.05 * number))))
         self.object_map = ObjectMap(frame.stamp_ns, (_map_object(frame.stamp_ns),))
-        tracked = _tracked(frame, number, self.keyframes[-1].T_map_camera)
+        tracked = _tracked(frame, number, self.made[-1].T_map_camera)
         change = ObjectChange(frame.stamp_ns, ChangeKind.ADDED, 4, "mug", None, SIXTH)
         return PipelineResult(
             ObservedFrame(frame.stamp_ns, (_observation(),), frame.intrinsics, frame.depth_m[::4, ::4]),
@@ -89,7 +97,7 @@ def _tracked(frame: RgbdFrame, number: int, T_map_camera: np.ndarray) -> Tracked
         observations=(TrackedObservation(_observation(), MatchStatus.MATCHED, 4),),
         intrinsics=frame.intrinsics,
         coarse_depth_m=frame.depth_m[::4, ::4],
-        keyframe_id=number,
+        keyframe_id=NO_ID if number == 3 else number,
         odometry_only=number == 3,
         edges=(edge,) if number else (),
         rejected_edges=number,
@@ -137,11 +145,19 @@ def test_estimate_is_what_the_pipeline_gave(ran, frames: list[RgbdFrame]) -> Non
     assert [frame.stamp_ns for frame in estimate.frames] == [f.stamp_ns for f in (frames[0], *frames[2:])]
     assert [frame.blind for frame in estimate.frames] == [False, False, True, False]
     assert estimate.rejected_edges == 2 + 3 + 4
-    for found, keyframe in zip(estimate.keyframes, pipeline.keyframes, strict=True):
+    for found, keyframe in zip(estimate.keyframes, pipeline.made, strict=True):
         np.testing.assert_allclose(found.T_map_camera, keyframe.T_map_camera, atol=1e-12)
     assert [edge.to_id for edge in estimate.edges] == [2, 3, 4]
     np.testing.assert_allclose(estimate.edges[0].T_from_to, SIXTH, atol=1e-12)
     np.testing.assert_allclose(estimate.edges[0].covariance, COVARIANCE, atol=1e-15)
+
+
+def test_keyframes_are_read_and_recorded_only_where_they_may_have_moved(ran) -> None:
+    path, pipeline, _ = ran
+    with BagReader(path) as bag:
+        n_keyframes, n_paths = (bag.topics[t.name].n_messages for t in (topics.KEYFRAMES, topics.PATH))
+    assert n_keyframes == len(pipeline.made) == 3
+    assert pipeline.times_read == n_keyframes + n_paths
 
 
 def test_reports_that_a_later_move_supersedes_are_not_counted(ran) -> None:
