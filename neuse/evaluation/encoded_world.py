@@ -1,7 +1,5 @@
 """Encoded worlds: what the front end saw of a simulated world, beside its truth; built once, then cached."""
 
-import pickle
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
@@ -11,6 +9,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from neuse.embedding.observe import Observer
+from neuse.evaluation.cache import cached
 from neuse.evaluation.simulated_truth import TruthCollector
 from neuse.evaluation.truth import Truth
 from neuse.records import ObservedFrame, OdometrySample
@@ -41,15 +40,8 @@ def encoded_world(preset: str, seed: int, folder: Path, frames: int | None = Non
 
     frames: only so many first frames; None for all.
     """
-    path = folder / f"{preset}-{seed}-{frames or 'all'}-{fingerprint(SOURCES)}.world"
-    if path.exists():
-        return pickle.loads(zlib.decompress(path.read_bytes()))
-    world = encode_world(preset, seed, Observer(), frames)
-    folder.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(".partial")
-    partial.write_bytes(zlib.compress(pickle.dumps(world), level=1))
-    partial.rename(path)
-    return world
+    path = folder / f"{preset}-{seed}-{frames or 'all'}-{fingerprint(SOURCES)}.world.npz"
+    return cached(path, EncodedWorld, lambda: encode_world(preset, seed, Observer(), frames))
 
 
 def encode_world(preset: str, seed: int, observer: Observer, frames: int | None = None) -> EncodedWorld:

@@ -3,13 +3,13 @@
 They see the pictures, which an encoded world has no longer, so that the world is rendered anew.
 """
 
-import pickle
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
+from neuse.evaluation.cache import cached
 from neuse.evaluation.encoded_world import fingerprint
 from neuse.evaluation.external_slam import ExternalSlam, ExternalSlamParams, ExternalStep
 from neuse.evaluation.feature_matching import FeatureMatcher
@@ -54,16 +54,8 @@ def external_runs(preset: str, seed: int, folder: Path, frames: int | None = Non
 
     frames: only so many first frames; None for all.
     """
-    path = folder / f"{preset}-{seed}-{frames or 'all'}-{fingerprint(SOURCES)}.external"
-    if path.exists():
-        runs: dict[str, ExternalRun] = pickle.loads(path.read_bytes())
-        return runs
-    runs = run_externals(preset, seed, frames)
-    folder.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(".partial")
-    partial.write_bytes(pickle.dumps(runs))
-    partial.rename(path)
-    return runs
+    path = folder / f"{preset}-{seed}-{frames or 'all'}-{fingerprint(SOURCES)}.external.npz"
+    return cached(path, dict[str, ExternalRun], lambda: run_externals(preset, seed, frames))
 
 
 def run_externals(preset: str, seed: int, frames: int | None) -> dict[str, ExternalRun]:

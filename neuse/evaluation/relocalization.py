@@ -10,8 +10,6 @@ relocalization.json and relocalization.png into DIR.
 
 import argparse
 import json
-import pickle
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -23,6 +21,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from neuse.embedding.observe import Observer
+from neuse.evaluation.cache import cached
 from neuse.evaluation.changes import score_changes
 from neuse.evaluation.encoded_world import SOURCES, EncodedWorld, encoded_world, fingerprint
 from neuse.evaluation.pose_errors import trajectory_errors
@@ -105,16 +104,16 @@ def map_and_save(world: EncodedWorld, path: Path) -> Array:
 
 def later_frames(world: EncodedWorld, folder: Path) -> Later:
     """The frames of the return from the folder's cache, where they are put if they are missing."""
-    path = folder / f"{world.name}-later-{fingerprint(SOURCES)}.world"
-    if path.exists():
-        return pickle.loads(zlib.decompress(path.read_bytes()))
+    path = folder / f"{world.name}-later-{fingerprint(SOURCES)}.world.npz"
+    return cached(path, Later, lambda: _come_back_later(world))
+
+
+def _come_back_later(world: EncodedWorld) -> Later:
     before = make_world(world.preset, world.seed)
     after = come_back(before, 0, FRAMES)
     observer = Observer()
     frames, odometry = zip(*[(observer.observe(s.frame), s.odometry) for s in simulate(after)], strict=True)
-    later = Later(frames, odometry, after.trajectory.T_world_camera, true_changes(before, after))
-    path.write_bytes(zlib.compress(pickle.dumps(later), level=1))
-    return later
+    return Later(frames, odometry, after.trajectory.T_world_camera, true_changes(before, after))
 
 
 def true_changes(before: World, after: World) -> tuple[ObjectChange, ...]:
