@@ -17,19 +17,6 @@ ROLL_TOLERANCE = 0.003  # change of height that a bottle's facets make when it r
 LYING_TILT_RAD = np.radians([30.0, 150.0])  # beyond it an object stands, on its bottom or on its head
 
 
-def stable_poses(shape: Shape, rng: np.random.Generator) -> list[tuple[Array, str]]:
-    """Poses T_table_object at rest: upright first, then lying in random order, at random yaws.
-
-    Lying: on a facet of the convex hull that has the centre of mass above it; of these, where there are any,
-    on those from which the shape does not roll away. The shape's origin is above the table's.
-    """
-    lying = rng.permutation(_lying_rotations(shape))
-    kinds = ["upright", *["lying"] * len(lying)]
-    yaws = rng.uniform(-np.pi, np.pi, size=len(kinds))
-    poses = [_rest(shape, R, yaw, (0.0, 0.0)) for R, yaw in zip([np.eye(3), *lying], yaws, strict=True)]
-    return list(zip(poses, kinds, strict=True))
-
-
 def place(
     shape: Shape, kind: str, yaw_rad: float, xy: ArrayLike, rng: np.random.Generator | None = None
 ) -> Array:
@@ -45,7 +32,7 @@ def place(
         return _rest(shape, np.eye(3), yaw_rad, xy)
     if kind != "lying":
         raise InputError("unknown_pose", f"unknown kind of pose {kind!r}; choose upright or lying")
-    rotations = _lying_rotations(shape)
+    rotations = lying_rotations(shape)
     if not len(rotations):
         raise DegenerateGeometryError(f"{shape.name} rests only upright; place it upright")
     return _rest(shape, rotations[rng.integers(len(rotations)) if rng else 0], yaw_rad, xy)
@@ -57,8 +44,12 @@ def _rest(shape: Shape, R_table_object: Array, yaw_rad: float, xy: ArrayLike) ->
 
 
 @lru_cache(maxsize=128)
-def _lying_rotations(shape: Shape) -> Array:
-    """(n, 3, 3) R_table_object of the lying poses, z axis of the object above +x, lowest first."""
+def lying_rotations(shape: Shape) -> Array:
+    """(n, 3, 3) R_table_object of the lying poses, z axis of the object above +x, lowest first.
+
+    On a facet of the convex hull that has the centre of mass above it; of these, where there are any, on
+    those from which the shape does not roll away.
+    """
     vertices, faces = _hull(shape.mesh)  # relative to the centre of mass
     down = _resting_directions(vertices[faces])
     tilt = np.arccos(np.clip(-down[:, 2], -1, 1))
