@@ -91,16 +91,19 @@ def quaternion_xyzw(T: Array) -> Array:
 
 
 def covariance_to_ros(covariance: Array, T_target_source: Array) -> Array:
-    """Library covariance (rotation first, source axes) as ROS has it (translation first, target axes)."""
-    return _permute_and_rotate(covariance, T_target_source[:3, :3])
+    """Library covariances (..., 6, 6), rotation first and on source axes, as ROS has them: translation first,
+    on target axes."""
+    return _permute_and_rotate(covariance, T_target_source[..., :3, :3])
 
 
 def covariance_from_ros(covariance_ros: Array, T_target_source: Array) -> Array:
-    """ROS covariance (translation first, target axes) as the library has it (rotation first, source axes)."""
-    return _permute_and_rotate(covariance_ros, T_target_source[:3, :3].T)
+    """ROS covariances (..., 6, 6), translation first and on target axes, as the library has them: rotation
+    first, on source axes."""
+    return _permute_and_rotate(covariance_ros, np.swapaxes(T_target_source[..., :3, :3], -1, -2))
 
 
 def _permute_and_rotate(covariance: Array, R: Array) -> Array:
-    swapped = np.roll(covariance, (3, 3), axis=(0, 1))
-    R2 = np.kron(np.eye(2), R)
-    return R2 @ swapped @ R2.T
+    blocks = covariance.reshape(*covariance.shape[:-2], 2, 3, 2, 3)[..., ::-1, :, ::-1, :]
+    blocks = np.swapaxes(blocks, -3, -2)  # (..., 2, 2, 3, 3)
+    R = R[..., None, None, :, :]
+    return np.swapaxes(R @ blocks @ np.swapaxes(R, -1, -2), -3, -2).reshape(covariance.shape)

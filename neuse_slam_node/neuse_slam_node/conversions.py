@@ -4,12 +4,13 @@ The pair for ObjectChange, which mapper_node publishes, is here as well, since m
 package. Every fault of a message is an InputError whose `reason` is a key for counters.
 """
 
-from collections.abc import Iterable, Sequence
+from array import array
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import TypeVar
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovariance
 from nav_msgs.msg import Odometry, Path
 
 from neuse.embedding.code import Code
@@ -51,6 +52,8 @@ from neuse_slam_node.poses import (
     pose_with_covariance_from_msg,
     pose_with_covariance_to_msg,
     poses_to_msg,
+    poses_with_covariance_from_msg,
+    poses_with_covariance_to_msg,
     transform_from_msg,
     transforms_from_msg,
 )
@@ -79,44 +82,37 @@ def path_to_msg(keyframes: Sequence[Keyframe], map_frame: str) -> Path:
     return Path(header=header_to_msg(keyframes[-1].stamp_ns if keyframes else 0, map_frame), poses=stamped)
 
 
-def edge_to_msg(edge: Edge) -> PoseGraphEdge:
-    """A relative pose between two keyframes."""
-    return PoseGraphEdge(
-        from_id=edge.from_id,
-        to_id=edge.to_id,
-        from_stamp=stamp_to_msg(edge.from_stamp_ns),
-        to_stamp=stamp_to_msg(edge.to_stamp_ns),
-        kind=int(edge.kind),
-        pose=pose_with_covariance_to_msg(edge.T_from_to, edge.covariance),
-        object_ids=list(edge.object_ids),
-        residual_m=float(edge.residual_m),
-    )
+def edges_to_msgs(edges: Sequence[Edge]) -> list[PoseGraphEdge]:
+    """Relative poses between keyframes."""
+    T_from_to = np.array([edge.T_from_to for edge in edges]).reshape(-1, 4, 4)
+    covariances = np.array([edge.covariance for edge in edges]).reshape(-1, 6, 6)
+    poses = poses_with_covariance_to_msg(T_from_to, covariances)
+    return [_edge_to_msg(edge, pose) for edge, pose in zip(edges, poses, strict=True)]
 
 
-def edge_from_msg(message: PoseGraphEdge) -> Edge:
-    """A relative pose between two keyframes.
+def edges_from_msgs(messages: Sequence[PoseGraphEdge]) -> list[Edge]:
+    """Relative poses between keyframes.
 
     Raises:
         InputError: `pose` or `enum_value`.
     """
-    T_from_to, covariance = pose_with_covariance_from_msg(message.pose)
-    return Edge(
-        from_id=message.from_id,
-        to_id=message.to_id,
-        from_stamp_ns=stamp_from_msg(message.from_stamp),
-        to_stamp_ns=stamp_from_msg(message.to_stamp),
-        kind=_enum(EdgeKind, message.kind),
-        T_from_to=T_from_to,
-        covariance=covariance,
-        object_ids=tuple(message.object_ids),
-        residual_m=message.residual_m,
-    )
+    T_from_to, covariances = poses_with_covariance_from_msg([message.pose for message in messages])
+    return [_edge_from_msg(*each) for each in zip(messages, T_from_to, covariances, strict=True)]
 
 
-def edges_to_msg(edges: Iterable[Edge], stamp_ns: int, camera_frame: str) -> PoseGraphEdgeArray:
+def edge_to_msg(edge: Edge) -> PoseGraphEdge:
+    """A relative pose between two keyframes."""
+    return edges_to_msgs([edge])[0]
+
+
+def edge_from_msg(message: PoseGraphEdge) -> Edge:
+    """A relative pose between two keyframes; raises like `edges_from_msgs`."""
+    return edges_from_msgs([message])[0]
+
+
+def edges_to_msg(edges: Sequence[Edge], stamp_ns: int, camera_frame: str) -> PoseGraphEdgeArray:
     """The edges that one frame added."""
-    header = header_to_msg(stamp_ns, camera_frame)
-    return PoseGraphEdgeArray(header=header, edges=[edge_to_msg(edge) for edge in edges])
+    return PoseGraphEdgeArray(header=header_to_msg(stamp_ns, camera_frame), edges=edges_to_msgs(edges))
 
 
 def keyframes_to_msg(keyframes: Sequence[Keyframe], stamp_ns: int, map_frame: str) -> KeyframeArray:
@@ -153,7 +149,7 @@ def tracked_frame_to_msg(frame: TrackedFrame, map_frame: str, camera_frame: str)
         keyframe_id=frame.keyframe_id,
         loop_closed=frame.loop_closed,
         odometry_only=frame.odometry_only,
-        edges=[edge_to_msg(edge) for edge in frame.edges],
+        edges=edges_to_msgs(frame.edges),
         rejected_edges=frame.rejected_edges,
     )
 
@@ -177,7 +173,7 @@ def tracked_frame_from_msg(message: TrackedFrameMsg) -> TrackedFrame:
         keyframe_id=message.keyframe_id,
         loop_closed=bool(message.loop_closed),
         odometry_only=bool(message.odometry_only),
-        edges=tuple(edge_from_msg(item) for item in message.edges),
+        edges=tuple(edges_from_msgs(message.edges)),
         rejected_edges=message.rejected_edges,
     )
 
@@ -224,12 +220,39 @@ def prior_map_from_msg(message: ObjectMap) -> PriorMap:
     )
 
 
+def _edge_to_msg(edge: Edge, pose: PoseWithCovariance) -> PoseGraphEdge:
+    return PoseGraphEdge(
+        from_id=edge.from_id,
+        to_id=edge.to_id,
+        from_stamp=stamp_to_msg(edge.from_stamp_ns),
+        to_stamp=stamp_to_msg(edge.to_stamp_ns),
+        kind=int(edge.kind),
+        pose=pose,
+        object_ids=array("q", edge.object_ids),
+        residual_m=float(edge.residual_m),
+    )
+
+
+def _edge_from_msg(message: PoseGraphEdge, T_from_to: Array, covariance: Array) -> Edge:
+    return Edge(
+        from_id=message.from_id,
+        to_id=message.to_id,
+        from_stamp_ns=stamp_from_msg(message.from_stamp),
+        to_stamp_ns=stamp_from_msg(message.to_stamp),
+        kind=_enum(EdgeKind, message.kind),
+        T_from_to=T_from_to,
+        covariance=covariance,
+        object_ids=tuple(message.object_ids),
+        residual_m=message.residual_m,
+    )
+
+
 def _tracked_to_msg(tracked: TrackedObservation) -> TrackedObservationMsg:
     return TrackedObservationMsg(
         observation=observation_to_msg(tracked.observation),
         status=int(tracked.status),
         object_id=tracked.object_id,
-        similar_ids=list(tracked.similar_ids),
+        similar_ids=array("q", tracked.similar_ids),
     )
 
 
@@ -257,8 +280,8 @@ def _stack(keyframes: Sequence[Keyframe]) -> Array:
 
 
 def _enum(kind: type[Kind], value: int) -> Kind:
-    if value not in list(kind):
-        raise InputError(
-            "enum_value", f"{kind.__name__} has no value {value}; send one of {list(map(int, kind))}"
-        )
-    return kind(value)
+    try:
+        return kind(value)
+    except ValueError:
+        known = list(map(int, kind))
+        raise InputError("enum_value", f"{kind.__name__} has no value {value}; send one of {known}") from None

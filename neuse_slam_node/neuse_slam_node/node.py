@@ -165,7 +165,7 @@ class SlamNode(StageNode):
 
     def _receive_edges(self, message: PoseGraphEdgeArray) -> None:
         try:
-            edges = [conversions.edge_from_msg(item) for item in message.edges]
+            edges = conversions.edges_from_msgs(message.edges)
         except InputError as error:
             self.refuse(f"external_edge_{error.reason}", str(error))
             return
