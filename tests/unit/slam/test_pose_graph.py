@@ -262,3 +262,63 @@ def test_smooth_motion_says_nothing_of_turns():
             graph.add_smooth_motion(i - 1, i, 0.1, poses[i - 1], T_map_camera)
     graph.solve(3)
     assert np.allclose(graph.poses()[:, :3, :3], np.array(poses)[:, :3, :3], atol=1e-3)
+
+
+T_NEW_OLD = exp([0.4, -0.3, 2.0, 5.0, -3.0, 1.0])
+LANDMARKS = np.array([[0.5, 0.5, 2.0], [-0.5, 0.2, 2.5], [0.1, -0.6, 1.5]])
+
+
+def wandered(n=6):
+    """A solved graph with edges, smooth motion and landmarks, and the way it has gone."""
+    params = SolverParams(relinearize_m_rad=1e-6, relinearize_every=1)
+    rng, graph = np.random.default_rng(11), PoseGraph(params)
+    poses = poses_on_a_way(rng, n)
+    graph.add_origin(0, poses[0])
+    graph.add_pose(0, poses[0])
+    for i in range(1, n):
+        graph.add_pose(i, poses[i])
+        graph.add_edge(make_edge(i - 1, i, inverse(poses[i - 1]) @ poses[i], 0.1 * SIGMAS))
+        graph.add_smooth_motion(i - 1, i, 0.1, poses[i - 1], poses[i])
+    for j, point in enumerate(LANDMARKS):
+        for i, T in enumerate(poses):
+            p_camera = transform_points(inverse(T), point) + 0.01 * rng.normal(size=3)
+            graph.add_sighting(i, j, p_camera, 1e-4 * np.eye(3), point)
+    graph.solve(30)
+    return graph, poses
+
+
+def test_moved_graph_is_the_same_graph_elsewhere():
+    graph, _ = wandered()
+    poses, points, covariance = graph.poses(), graph.points(), graph.covariance(2)
+    graph.move(T_NEW_OLD)
+    graph.add_hold(0, T_NEW_OLD @ poses[0], 1e-8 * np.eye(6))
+    graph.solve(30)
+    np.testing.assert_allclose(graph.poses(), T_NEW_OLD @ poses, atol=2e-4)
+    for j, point in graph.points().items():
+        np.testing.assert_allclose(point, transform_points(T_NEW_OLD, points[j]), atol=2e-4)
+    np.testing.assert_allclose(graph.covariance(2), covariance, rtol=0.01, atol=1e-8)
+
+
+def test_moved_graph_goes_on_as_it_would_have_gone():
+    (stayed, poses), (moved, _) = wandered(), wandered()
+    moved.move(T_NEW_OLD)
+    moved.add_hold(0, T_NEW_OLD @ poses[0], 1e-8 * np.eye(6))
+    further = poses[-1] @ exp([0, 0, 0.1, 0.3, 0, 0])
+    for graph, T in ((stayed, np.eye(4)), (moved, T_NEW_OLD)):
+        graph.add_pose(len(poses), T @ further)
+        graph.add_edge(make_edge(len(poses) - 1, len(poses), inverse(poses[-1]) @ further))
+        graph.add_smooth_motion(len(poses) - 1, len(poses), 0.1, T @ poses[-1], T @ further)
+        p_camera = transform_points(inverse(further), LANDMARKS[0]) + 0.02
+        graph.add_sighting(len(poses), 0, p_camera, 1e-4 * np.eye(3), LANDMARKS[0])
+        graph.solve(30)
+    np.testing.assert_allclose(moved.poses(), T_NEW_OLD @ stayed.poses(), atol=1e-4)
+
+
+def test_known_points_pull_a_moved_graph_to_where_they_are():
+    graph, poses = wandered()
+    graph.move(T_NEW_OLD @ exp([0.02, -0.01, 0.03, 0.1, -0.05, 0.05]))
+    graph.add_hold(len(poses) - 1, T_NEW_OLD @ poses[-1] @ exp([0, 0, 0, 0.1, 0, 0]), np.eye(6))
+    for j, point in enumerate(LANDMARKS):
+        graph.add_known_point(j, transform_points(T_NEW_OLD, point), 1e-6 * np.eye(3))
+    graph.solve(20)
+    assert np.linalg.norm(log(inverse(T_NEW_OLD @ poses[-1]) @ graph.poses()[-1])) < 0.03
