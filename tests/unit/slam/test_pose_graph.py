@@ -296,7 +296,7 @@ def test_moved_graph_is_the_same_graph_elsewhere():
     np.testing.assert_allclose(graph.poses(), T_NEW_OLD @ poses, atol=2e-4)
     for j, point in graph.points().items():
         np.testing.assert_allclose(point, transform_points(T_NEW_OLD, points[j]), atol=2e-4)
-    np.testing.assert_allclose(graph.covariance(2), covariance, rtol=0.01, atol=1e-8)
+    np.testing.assert_allclose(graph.covariance(2), covariance, atol=0.02 * covariance.max())
 
 
 def test_moved_graph_goes_on_as_it_would_have_gone():
