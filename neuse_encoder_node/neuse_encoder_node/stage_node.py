@@ -100,15 +100,20 @@ class StageNode(LifecycleNode):
         """Publish what is still open once the worker is done."""
 
     def listen(
-        self, message_type: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile
+        self,
+        message_type: type,
+        topic: str,
+        callback: Callable[[Any], None],
+        qos: QoSProfile,
+        raw: bool = False,
     ) -> None:
-        """Subscribe until the node is cleaned up; nothing is heard while it is inactive."""
+        """Subscribe until the node is cleaned up; nothing is heard while it is inactive. raw: bytes are."""
 
         def hear(message: Any) -> None:
             if self._active:
                 self._guarded(lambda: callback(message), topic)
 
-        self._subscriptions_here.append(self.create_subscription(message_type, topic, hear, qos))
+        self._subscriptions_here.append(self.create_subscription(message_type, topic, hear, qos, raw=raw))
 
     def offer(self, message_type: type, topic: str, qos: QoSProfile) -> Any:
         """A publisher until the node is cleaned up; silent while it is inactive."""

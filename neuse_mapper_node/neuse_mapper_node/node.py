@@ -29,14 +29,15 @@ from neuse_encoder_node.stage_node import StageNode, StageParams
 from neuse_encoder_node.stamps import NANOSECONDS, StampOrder
 from neuse_encoder_node.weights import MEANING, SHIPPED, load_embeddings
 from neuse_mapper_node import conversions
-from neuse_mapper_node.keyframe_match import KeyframeMatch
+from neuse_mapper_node.keyframe_match import Estimates, KeyframeMatch
 from neuse_msgs.msg import KeyframeArray, ObjectMap, TrackedFrame
 from neuse_msgs.msg import ObjectChange as ObjectChangeMsg
 from neuse_msgs.srv import LoadMap, SaveMap
-from neuse_slam_node.conversions import change_to_msg, keyframes_from_msg, tracked_frame_from_msg
+from neuse_slam_node.conversions import change_to_msg, tracked_frame_from_msg
+from neuse_slam_node.packed_keyframes import KeyframeReader, unpack
 
 NAME = "mapper_node"
-Item = tuple[int, TrackedFrame, KeyframeArray | None]  # of the session of this index
+Item = tuple[int, TrackedFrame, Estimates | None]  # of the session of this index
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,7 @@ class MapperNode(StageNode):
         self._namespaces = [f"{name}/" for name in named if name] or [""]
         self._sessions = Sessions(self._mapper, len(self._namespaces))
         self._matches = [KeyframeMatch() for _ in self._namespaces]
+        self._readers = [KeyframeReader() for _ in self._namespaces]
         self._orders = [StampOrder(params.restart_s) for _ in self._namespaces]
         self._told: tuple[tuple[int, int], ...] = ()
         self._board = MarkerBoard()
@@ -113,7 +115,7 @@ class MapperNode(StageNode):
         frames = partial(self._receive_frame, index)
         keyframes = partial(self._receive_keyframes, index)
         self.listen(TrackedFrame, f"{namespace}neuse/frames", frames, reliable(depth))
-        self.listen(KeyframeArray, f"{namespace}neuse/keyframes", keyframes, latched(depth))
+        self.listen(KeyframeArray, f"{namespace}neuse/keyframes", keyframes, latched(depth), raw=True)
         self._priors.append(self.offer(ObjectMap, f"{namespace}neuse/prior_map", latched()))
         if namespace:
             self._changes.append(self.offer(ObjectChangeMsg, f"{namespace}neuse/changes", reliable(depth)))
@@ -124,7 +126,7 @@ class MapperNode(StageNode):
     def process(self, stamp_ns: int, item: Item) -> None:
         index, message, estimates = item
         frame = tracked_frame_from_msg(message)
-        keyframes = () if estimates is None else keyframes_from_msg(estimates)
+        keyframes = () if estimates is None else self._readers[index].changed(estimates.records)
         steps = self._sessions.admit(frame, keyframes, index)
         with self.health.timed("map"):
             changes = [change for step in steps for change in self._mapper.step(*step)]
@@ -144,6 +146,7 @@ class MapperNode(StageNode):
     def _load(self, path: str) -> None:
         """Go on with a saved map; sessions have to find their place in it."""
         self._mapper.load(path)
+        self._read_all()
         self._is_original = False
         self._sessions.distrust()
 
@@ -155,11 +158,17 @@ class MapperNode(StageNode):
         """Empty the map and what is shown of it."""
         self._is_original = False
         self._mapper.reset()
+        self._read_all()
         map_frame = self._params.map_frame
         self._next_map_ns = self._next_drawing_ns = 0
         self._publish_map()
         self._markers.publish(conversions.markers_to_msg(self._board.clear(), 0, map_frame))
         self._points.publish(conversions.points_to_msg(np.zeros((0, 3)), np.zeros((0, 3)), 0, map_frame))
+
+    def _read_all(self) -> None:
+        """The mapper has no keyframes: it needs those as well that stay as they are."""
+        for reader in self._readers:
+            reader.forget()
 
     def flush(self) -> None:
         self._release()
@@ -182,8 +191,8 @@ class MapperNode(StageNode):
         self._matches[index].add_frame(message)
         self._release()
 
-    def _receive_keyframes(self, index: int, message: KeyframeArray) -> None:
-        self._matches[index].add_keyframes(message)
+    def _receive_keyframes(self, index: int, data: bytes) -> None:
+        self._matches[index].add_keyframes(Estimates(*unpack(data)))
         self._release()
 
     def _receive_recalled(self, message: ObjectMap) -> None:

@@ -28,6 +28,7 @@ from neuse_slam_node import conversions
 from neuse_slam_node.map_frame import make_broadcaster
 from neuse_slam_node.map_memory import MapMemory
 from neuse_slam_node.odometry_match import OdometryMatch
+from neuse_slam_node.packed_keyframes import KeyframeTable, pack
 
 NAME = "slam_node"
 PATIENCE = Duration(seconds=1)  # with the receivers of frames that come all at once
@@ -85,6 +86,7 @@ class SlamNode(StageNode):
         self._last_stamp_ns = self._next_path_ns = 0
         self._counted: Counter[str] = Counter()
         self._memory = MapMemory()
+        self._table = KeyframeTable()
         self._connect(params.topic_depth, reliable if params.odometry_reliable else sensor)
 
     def _connect(self, depth: int, odometry_qos: Callable[[int], QoSProfile]) -> None:
@@ -110,6 +112,7 @@ class SlamNode(StageNode):
         """A session begins: what belonged to the one before is gone."""
         self._feedback.clear()
         self._counted.clear()
+        self._table.clear()
         self._next_path_ns = 0
 
     def process(self, stamp_ns: int, item: tuple[ObjectObservationArray, OdometrySample | None]) -> None:
@@ -227,11 +230,15 @@ class SlamNode(StageNode):
         self._odometry.publish(conversions.odometry_to_msg(frame, map_frame, self._camera_frame))
 
     def _publish_keyframes(self, stamp_ns: int) -> None:
-        message = conversions.keyframes_to_msg(self._slam.keyframes, stamp_ns, self._params.map_frame)
-        self._keyframes.publish(message)
+        self._table.update(self._slam.moved_keyframes())
+        if self._table.is_old:
+            self._table.renew(self._slam.keyframes)
+        self._keyframes.publish(pack(self._table.records, stamp_ns, self._params.map_frame))
 
     def _publish_path(self) -> None:
-        self._path.publish(conversions.path_to_msg(self._slam.keyframes, self._params.map_frame))
+        """For people only: where nobody looks it is not worth the time."""
+        if self._path.get_subscription_count():
+            self._path.publish(conversions.path_to_msg(self._slam.keyframes, self._params.map_frame))
 
 
 def main() -> None:

@@ -1,6 +1,9 @@
+import numpy as np
+
 from neuse_encoder_node.conversions import header_to_msg, stamp_from_msg
-from neuse_mapper_node.keyframe_match import KeyframeMatch
-from neuse_msgs.msg import KeyframeArray, TrackedFrame
+from neuse_mapper_node.keyframe_match import Estimates, KeyframeMatch
+from neuse_msgs.msg import TrackedFrame
+from neuse_slam_node.packed_keyframes import RECORD
 
 
 def frame(stamp_ns: int, keyframe_id: int = TrackedFrame.NO_ID, loop_closed: bool = False) -> TrackedFrame:
@@ -9,18 +12,14 @@ def frame(stamp_ns: int, keyframe_id: int = TrackedFrame.NO_ID, loop_closed: boo
     )
 
 
-def keyframes(stamp_ns: int) -> KeyframeArray:
-    return KeyframeArray(header=header_to_msg(stamp_ns, "map"))
+def keyframes(stamp_ns: int) -> Estimates:
+    return Estimates(stamp_ns, np.zeros(0, RECORD))
 
 
 def released(match: KeyframeMatch) -> list[tuple[int, int | None]]:
     """(frame, keyframes) stamps."""
     pairs = match.release()
-    return [(_stamp(f), None if k is None else _stamp(k)) for f, k in pairs]
-
-
-def _stamp(message: TrackedFrame | KeyframeArray) -> int:
-    return stamp_from_msg(message.header.stamp)
+    return [(stamp_from_msg(f.header.stamp), None if k is None else k.stamp_ns) for f, k in pairs]
 
 
 def test_frame_that_is_no_keyframe_does_not_wait():
