@@ -141,7 +141,7 @@ def run_return(name: str, path: Path, T_world_map: Array, later: Later) -> Retur
         frames = pipeline.track(observed, None if pipeline.joiner.is_waiting else odometry).mapped
         if frames:
             off = inverse(T_world_camera) @ T_world_map @ frames[-1].T_map_camera
-            errors.append((float(np.linalg.norm(off[:3, 3])), np.rad2deg(rotation_angle(off[:3, :3]))))
+            errors.append((float(np.linalg.norm(off[:3, 3])), float(np.rad2deg(rotation_angle(off[:3, :3])))))
     pipeline.mapper.finalize()
     if not errors:
         return Return(name, None)
