@@ -170,7 +170,8 @@ class ExternalSlam(Generic[ViewT]):
         return ExternalStep(OdometrySample(stamp_ns, T_odom_camera), closures)
 
     def _solve(self, iterations: int) -> None:
-        self._graph.solve(iterations)
+        for _ in range(iterations):
+            self._graph.solve()
         self._T_map_keyframes = self._graph.poses()
 
     def _closures(self, new: int) -> Iterator[Edge]:

@@ -11,7 +11,8 @@ from neuse.records import Edge, EdgeKind
 from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.object_frames import HIDDEN_HANDLE_RAD, LEAST_SHARE, ObjectFrames, frames_at
 from neuse.slam.odometry import NANOSECONDS
-from neuse.slam.pose_graph import PoseGraph, SlidingWindow, SolverParams
+from neuse.slam.pose_graph import PoseGraph, SolverParams
+from neuse.slam.sliding_window import SlidingWindow
 from neuse.slam.track import Track, heights_of, orthonormal_places, places_of, sigmas_of
 
 LEVER_M = 0.3  # where a handle becomes a point: so far out that its noise is that of the direction
@@ -69,7 +70,7 @@ class _Base:
             self.graph.add_edge(edge)
 
     def solve(self, loop_closed: bool) -> Array:
-        self.graph.solve(self.params.closure_iterations if loop_closed else 1)
+        self.graph.solve()
         self.poses = self.graph.poses()
         return self.poses
 

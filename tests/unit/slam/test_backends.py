@@ -11,7 +11,8 @@ from neuse.records import Edge, EdgeKind
 from neuse.slam.backends import LEVER_M, EdgeBackend, LandmarkBackend, landmark_points
 from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.object_frames import SigmaParams, reduce_codes
-from neuse.slam.pose_graph import SlidingWindow, SolverParams
+from neuse.slam.pose_graph import SolverParams
+from neuse.slam.sliding_window import SlidingWindow
 from neuse.symmetry import BOX
 
 from .synthetic import make_code, make_thing

@@ -9,7 +9,16 @@ import pytest
 from neuse.errors import SolverError
 from neuse.geometry import exp, inverse, log, transform_points
 from neuse.records import Edge, EdgeKind
-from neuse.slam.pose_graph import PoseGraph, SlidingWindow, SolverParams, edge_factor, sighting_factor
+from neuse.slam.factors import (
+    bias_key,
+    edge_factor,
+    pose_key,
+    sighting_factor,
+    smooth_motion_factor,
+    velocity_key,
+)
+from neuse.slam.pose_graph import PoseGraph, SolverParams
+from neuse.slam.sliding_window import SlidingWindow
 
 SIGMAS = np.array([0.01, 0.02, 0.03, 0.1, 0.2, 0.3])
 
@@ -45,6 +54,11 @@ def batch_solution(edges, starts, params):
         graph.add(edge_factor(edge, params.huber_sigmas))
     solution = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
     return np.stack([solution.atPose3(gtsam.symbol("x", i)).matrix() for i in range(len(starts))])
+
+
+def solve(graph, times):
+    for _ in range(times):
+        graph.solve()
 
 
 def test_edge_factor_has_no_error_where_the_points_agree():
@@ -128,7 +142,7 @@ def test_incremental_solution_equals_the_batch_solution():
         for edge in edges:
             if edge.to_id == i:
                 graph.add_edge(edge)
-        graph.solve(iterations=3)
+        solve(graph, times=3)
     np.testing.assert_allclose(graph.poses(), batch_solution(edges, poses, params), atol=1e-4)
 
 
@@ -143,7 +157,7 @@ def test_landmark_seen_from_two_poses_is_placed_and_ties_them():
         for j, point in enumerate(points):
             p_camera = transform_points(inverse(T), point)
             graph.add_sighting(i, j, p_camera, 1e-4 * np.eye(3), point + 0.02)
-    graph.solve(iterations=10)
+    solve(graph, times=10)
     np.testing.assert_allclose(graph.poses()[1], poses[1], atol=1e-4)
     for j, point in enumerate(points):
         np.testing.assert_allclose(graph.points()[j], point, atol=1e-3)
@@ -211,6 +225,40 @@ def test_graph_that_nothing_ties_down_is_refused():
         graph.solve()
 
 
+def test_sigmas_too_far_apart_for_the_fast_factorisation_are_solved_by_the_safe_one():
+    sigmas = np.array([0.01, 0.01, 0.01, 1e-6, 1e-6, 10.0])
+    poses, fast, safe = [exp([0, 0, 0, 0.1 * i, 0, 0]) for i in range(6)], [], []
+    graph = PoseGraph(SolverParams())
+    graph.add_origin(0, poses[0])
+    for i, T_map_camera in enumerate(poses):
+        graph.add_pose(i, T_map_camera @ exp(np.full(6, 0.001)))
+        if i:
+            noise = SIGMAS if i < 3 else sigmas
+            graph.add_edge(make_edge(i - 1, i, inverse(poses[i - 1]) @ T_map_camera, noise), robust=False)
+        before = graph._isam
+        graph.solve()
+        (fast if graph._isam is before else safe).append(i)
+    assert fast[:3] == [0, 1, 2]
+    assert safe
+    solve(graph, times=10)
+    np.testing.assert_allclose(graph.poses(), poses, atol=1e-3)
+
+
+def test_smooth_motion_is_white_noise_of_the_acceleration():
+    duration_s, acceleration = 0.5, 0.3
+    cross, var_p, var_v = duration_s**2 / 2, duration_s**3 / 3, duration_s
+    Q = acceleration**2 * np.kron([[var_p, cross], [cross, var_v]], np.eye(3))  # Barfoot, 4.3.1
+    factor = smooth_motion_factor(0, 1, duration_s, acceleration)
+    values, error = gtsam.Values(), np.array([0.02, -0.03, 0.05, 0.1, 0.04, -0.2])
+    velocity = np.array([0.2, 0.1, -0.1])
+    values.insert(pose_key(0), gtsam.Pose3())
+    values.insert(velocity_key(0), velocity)
+    values.insert(pose_key(1), gtsam.Pose3(gtsam.Rot3(), duration_s * velocity + error[:3]))
+    values.insert(velocity_key(1), velocity + error[3:])
+    values.insert(bias_key(1), gtsam.imuBias.ConstantBias())
+    assert factor.error(values) == pytest.approx(0.5 * error @ np.linalg.solve(Q, error), rel=0.02)
+
+
 def test_covariance_of_an_unknown_keyframe_is_refused():
     graph = PoseGraph()
     graph.add_origin(0, np.eye(4))
@@ -244,7 +292,7 @@ def test_smooth_motion_carries_the_camera_through_a_blind_gap(smooth, least_m, m
         if smooth:
             graph.add_smooth_motion(i - 1, i, 0.1, poses[i - 1], poses[i])
     graph.add_edge(make_edge(0, n - 1, exp([0, 0, 0, (n - 1) * step_m, 0, 0]), np.full(6, 0.001)))
-    graph.solve(3)
+    solve(graph, times=3)
     errors_m = np.linalg.norm(graph.poses()[:, :3, 3] - step_m * np.arange(n)[:, None] * [1, 0, 0], axis=1)
     assert least_m <= errors_m.max() <= most_m
 
@@ -260,7 +308,7 @@ def test_smooth_motion_says_nothing_of_turns():
         if i:
             graph.add_edge(make_edge(i - 1, i, turns[i - 1]))
             graph.add_smooth_motion(i - 1, i, 0.1, poses[i - 1], T_map_camera)
-    graph.solve(3)
+    solve(graph, times=3)
     assert np.allclose(graph.poses()[:, :3, :3], np.array(poses)[:, :3, :3], atol=1e-3)
 
 
@@ -283,7 +331,7 @@ def wandered(n=6):
         for i, T in enumerate(poses):
             p_camera = transform_points(inverse(T), point) + 0.01 * rng.normal(size=3)
             graph.add_sighting(i, j, p_camera, 1e-4 * np.eye(3), point)
-    graph.solve(30)
+    solve(graph, times=30)
     return graph, poses
 
 
@@ -292,7 +340,7 @@ def test_moved_graph_is_the_same_graph_elsewhere():
     poses, points, covariance = graph.poses(), graph.points(), graph.covariance(2)
     graph.move(T_NEW_OLD)
     graph.add_hold(0, T_NEW_OLD @ poses[0], 1e-8 * np.eye(6))
-    graph.solve(30)
+    solve(graph, times=30)
     np.testing.assert_allclose(graph.poses(), T_NEW_OLD @ poses, atol=2e-4)
     for j, point in graph.points().items():
         np.testing.assert_allclose(point, transform_points(T_NEW_OLD, points[j]), atol=2e-4)
@@ -310,7 +358,7 @@ def test_moved_graph_goes_on_as_it_would_have_gone():
         graph.add_smooth_motion(len(poses) - 1, len(poses), 0.1, T @ poses[-1], T @ further)
         p_camera = transform_points(inverse(further), LANDMARKS[0]) + 0.02
         graph.add_sighting(len(poses), 0, p_camera, 1e-4 * np.eye(3), LANDMARKS[0])
-        graph.solve(30)
+        solve(graph, times=30)
     np.testing.assert_allclose(moved.poses(), T_NEW_OLD @ stayed.poses(), atol=1e-4)
 
 
@@ -320,5 +368,5 @@ def test_known_points_pull_a_moved_graph_to_where_they_are():
     graph.add_hold(len(poses) - 1, T_NEW_OLD @ poses[-1] @ exp([0, 0, 0, 0.1, 0, 0]), np.eye(6))
     for j, point in enumerate(LANDMARKS):
         graph.add_known_point(j, transform_points(T_NEW_OLD, point), 1e-6 * np.eye(3))
-    graph.solve(20)
+    solve(graph, times=20)
     assert np.linalg.norm(log(inverse(T_NEW_OLD @ poses[-1]) @ graph.poses()[-1])) < 0.03
