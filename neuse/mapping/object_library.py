@@ -149,20 +149,38 @@ def average_codes(codes: Sequence[Code], T_map_keyframes: Array, weights: Array)
     T_map_keyframes: (n, 4, 4) from each code's frame.    weights: (n,) positive.
     The errors of views are correlated, so the average claims to be no better than its best view.
     """
-    placed = [code.transformed(T) for code, T in zip(codes, T_map_keyframes, strict=True)]
-    best = placed[int(np.argmax(weights))]
-    z = np.stack([code.named_like(best).z for code in placed])  # (n, k, 3)
+    z = np.array([code.z for code in codes])  # (n, k, 3)
+    z = z @ T_map_keyframes[:, :3, :3].swapaxes(1, 2) + T_map_keyframes[:, None, :3, 3]
+    sigmas = np.array([code.sigmas for code in codes])  # (n, 6)
+    if sigmas[:, :3].min(axis=1).max() >= np.pi:
+        z = _named_alike(codes, z, int(np.argmax(weights)))
     half = z.shape[1] // 2
     robust = weights
     for _ in range(3):
-        mean = np.tensordot(robust / robust.sum(), z, axes=1)  # (k, 3)
-        squared_m2 = ((z[:, :half] - mean[:half]) ** 2).sum(axis=2).mean(axis=1)  # (n,)
+        mean = _weighted_mean(robust, z)  # (k, 3)
+        squared_m2 = ((z[:, :half] - mean[:half]) ** 2).sum(axis=(1, 2)) / half  # (n,)
         robust = weights / (1.0 + squared_m2 / _FLIP_SCALE_M**2)
-    descriptor = np.tensordot(robust, np.stack([code.descriptor for code in codes]), axes=1)
+    descriptor = robust @ np.array([code.descriptor for code in codes])
     descriptor = descriptor / max(float(np.linalg.norm(descriptor)), 1e-12)
-    sigmas = np.min([code.sigmas for code in codes], axis=0)
-    correlation = float(np.average([code.height_correlation for code in codes], weights=robust))
-    return replace(codes[0], z=mean, descriptor=descriptor, sigmas=sigmas, height_correlation=correlation)
+    correlation = float(robust @ [code.height_correlation for code in codes] / robust.sum())
+    return replace(
+        codes[0],
+        z=mean,
+        descriptor=descriptor,
+        sigmas=sigmas.min(axis=0),
+        height_correlation=correlation,
+    )
+
+
+def _named_alike(codes: Sequence[Code], z: Array, best: int) -> Array:
+    """(n, k, 3) latent points in one frame, axes without names named as those of the best code."""
+    placed = [replace(code, z=points) for code, points in zip(codes, z, strict=True)]
+    return np.array([code.named_like(placed[best]).z for code in placed])
+
+
+def _weighted_mean(weights: Array, z: Array) -> Array:
+    """(k, 3) of (n, k, 3)."""
+    return (weights @ z.reshape(len(z), -1) / weights.sum()).reshape(z.shape[1:])
 
 
 def tells_shape(code: Code) -> bool:
