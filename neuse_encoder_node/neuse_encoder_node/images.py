@@ -20,8 +20,9 @@ def depth_from_msg(image: Image) -> np.ndarray:
     """(h, w) float32 metres, 0 where there is no finite positive reading."""
     pixels = pixels_from_msg(image, DEPTH_ENCODINGS, "depth image")
     if pixels.dtype.kind == "u":
-        return pixels.astype(np.float32) * MILLIMETRE
-    return np.where(np.isfinite(pixels) & (pixels > 0), pixels, 0).astype(np.float32)
+        return pixels * MILLIMETRE  # float32
+    usable = (pixels > 0) & (pixels < np.inf)  # NaN is neither
+    return np.where(usable, pixels, np.float32(0)).astype(np.float32, copy=False)
 
 
 def mask_from_msg(image: Image) -> np.ndarray:

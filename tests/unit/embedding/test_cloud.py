@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from neuse.embedding.cloud import REACH_M, core
+from neuse.embedding.cloud import ENOUGH, REACH_M, core
 
 from .tiny import partial_cloud
 
@@ -43,3 +43,11 @@ def test_clouds_of_a_batch_are_judged_each_by_itself(rng):
 def test_single_point_and_coinciding_points_are_kept():
     assert core(np.zeros((1, 3))).all()
     assert core(np.ones((20, 3))).all()
+
+
+def test_large_cloud_is_judged_as_its_points_are_spread(rng):
+    points = rng.standard_t(2, (20 * ENOUGH, 3)) * 0.01
+    distance = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+    reach = distance[core(points)].max()
+    assert reach == pytest.approx(2.5 * np.quantile(distance, 0.75), rel=0.05)
+    assert (distance[~core(points)] > 0.99 * reach).all()
