@@ -41,3 +41,17 @@ def test_commands_are_found_by_their_names(command: str):
     from neuse_bags import commands
 
     assert getattr(commands, command).args == (f"neuse_bags.{command}",)
+
+
+def test_memory_of_a_frame_is_kept_for_the_next(tmp_path: Path):
+    source = """
+import resource
+def main():
+    faults = []
+    for _ in range(10):
+        images = [bytearray(2**20) for _ in range(8)]
+        del images
+        faults.append(resource.getrusage(resource.RUSAGE_SELF).ru_minflt)
+    return int(faults[-1] - faults[1] > 100)
+"""
+    assert run_module(tmp_path, source).returncode == 0
