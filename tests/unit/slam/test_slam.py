@@ -1,5 +1,6 @@
 """The whole stage on synthetic codes."""
 
+from collections import Counter
 from dataclasses import replace
 from itertools import islice
 
@@ -243,7 +244,7 @@ def test_odometry_goes_on_from_where_an_external_edge_has_moved_the_camera(steps
     frame = slam.step(blind[3], steps[3].odometry)
     step = inverse(steps[2].odometry.T_odom_camera) @ steps[3].odometry.T_odom_camera
     assert moved[0, 3] - slam.trajectory()[0][1][0, 3] > 0.3
-    np.testing.assert_allclose(frame.T_map_camera, moved @ step, atol=1e-6)
+    np.testing.assert_allclose(frame.T_map_camera, moved @ step, atol=5e-3)  # a solution is one step
 
 
 def test_external_edges_before_the_first_frame_are_refused():
@@ -315,4 +316,5 @@ def test_large_world_is_tracked_within_30_mm_and_nothing_is_confused():
     assert ate_rmse_m(slam.trajectory(), steps) < 0.03
     names = names_of_ids(frames, steps)
     assert all(len(given) == 1 for given in names.values())
-    assert len(names) <= 52  # two objects are met once or twice, then anew after a blind gap
+    twice = Counter(next(iter(given)) for given in names.values())
+    assert sum(count > 1 for count in twice.values()) <= 2  # met anew after a blind gap
