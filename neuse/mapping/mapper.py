@@ -6,7 +6,6 @@ from pathlib import Path
 
 import trimesh
 
-from neuse.errors import InputError
 from neuse.geometry import Array
 from neuse.mapping.change_detection import ChangeDetector, ChangeParams, Move, settled_changes
 from neuse.mapping.evidence import Evidence
@@ -21,11 +20,11 @@ from neuse.mapping.object_library import (
     ObjectRecord,
     associated,
     make_view,
-    recalled,
     tells_shape,
 )
 from neuse.mapping.presence import Presence
 from neuse.mapping.reconstruction import MeshCache, Reconstruct
+from neuse.mapping.shapes import Shapes
 from neuse.mapping.snapshot import restore, snapshot
 from neuse.mapping.upkeep import UpkeepParams
 from neuse.params import CheckedParams, param
@@ -33,7 +32,6 @@ from neuse.records import (
     NO_ID,
     ChangeKind,
     Keyframe,
-    MapObject,
     MatchStatus,
     ObjectChange,
     ObjectMap,
@@ -77,6 +75,7 @@ class ObjectMapper:
         self._memory = KeyframeMemory(params.max_depth_keyframes)
         self._library = ObjectLibrary()
         self._meshes = MeshCache(self._reconstruct, params.redecode_rms_m)
+        self._shapes = Shapes(self._library, self._meshes)
         self._evidence = Evidence(self._memory, self._library, params.layout, params.free_space)
         self._presence = Presence(self._evidence, params.newcomers.min_empty_keyframes)
         self._judge = Judge(self._library, self._evidence, self._meshes, params.newcomers, params.upkeep)
@@ -112,8 +111,16 @@ class ObjectMapper:
     @property
     def object_map(self) -> ObjectMap:
         """The map as it is now; removed objects stay listed, as REMOVED."""
-        records = sorted(self._library, key=lambda record: record.object_id)
-        return ObjectMap(self._stamp_ns, tuple(self._map_object(record) for record in records))
+        return self._shapes.object_map(self._stamp_ns)
+
+    @property
+    def sketch(self) -> ObjectMap:
+        """The map in no time: boxes are of the shapes decoded last, or of the points seen."""
+        return self._shapes.object_map(self._stamp_ns, now=False)
+
+    def decode_next(self) -> bool:
+        """Bring the one shape up to date that lags most behind its code; False where none does."""
+        return self._shapes.decode_next()
 
     def places(self) -> dict[int, Array]:
         """{object id: (3,) centre, map frame} of all objects, those that are gone where they were."""
@@ -131,16 +138,13 @@ class ObjectMapper:
         aliases = self._library.aliases
         self._library.aliases = {i: aliases[i] for i in aliases if i % n_sessions != index}
 
-    def mesh(self, object_id: int) -> trimesh.Trimesh:
-        """Full shape of an object, map frame.
+    def mesh(self, object_id: int, now: bool = True) -> trimesh.Trimesh:
+        """Full shape of an object, map frame; with `now=False` as it was decoded last.
 
         Raises:
-            InputError: no such object.    MeshError: its category has no decoder.
+            InputError: no such object.    MeshError: its category has no decoder, or it lacks a shape yet.
         """
-        record = self._library.find(object_id)
-        if record is None:
-            raise InputError("unknown_object", f"the map has no object {object_id}")
-        return self._meshes.mesh(record.object_id, record.code)
+        return self._shapes.mesh(object_id, now)
 
     def save(self, path: str | Path) -> None:
         """Write objects, evidence of free space, and all changes to a file.
@@ -170,22 +174,9 @@ class ObjectMapper:
         """
         if object_map.stamp_ns > self._stamp_ns:
             return 0
-        return sum(self._recall(known) for known in object_map.objects)
-
-    def _recall(self, known: MapObject) -> bool:
-        record = self._library.find(known.object_id)
-        is_new = record is None
-        if record is None:
-            record = recalled(known, self._memory.poses)
-            self._library.records[known.object_id] = record
-        else:
-            record.first_seen_ns = min(known.first_seen_ns, record.first_seen_ns)
-            record.n_observations += known.n_observations
-            record.since_tick = 0
-            if record.is_present and known.status != ObjectStatus.REMOVED:
-                record.status = known.status
-        self._newcomers.discard(record.object_id)
-        return is_new
+        recalled = [self._library.recall(known, self._memory.poses) for known in object_map.objects]
+        self._newcomers -= {self._library.resolve(known.object_id) for known in object_map.objects}
+        return sum(recalled)
 
     def _update_objects(self, frame: TrackedFrame) -> None:
         """Add the frame's views to the objects it saw; unknown ids become newcomers."""
@@ -303,11 +294,3 @@ class ObjectMapper:
         self._presence.forget(object_id)
         self._detector.forget(object_id)
         self._meshes.forget(object_id)
-
-    def _map_object(self, record: ObjectRecord) -> MapObject:
-        code = record.code
-        box = self._meshes.box(record.object_id, code, record.points)
-        return MapObject(
-            record.object_id, record.category, record.status, code.T_frame_object, box.center, box.size, code,
-            record.first_seen_ns, record.last_seen_ns, record.n_observations,
-        )  # fmt: skip

@@ -149,7 +149,12 @@ class Judge:
         return still_seen and self._is_partial(newcomer, known)
 
     def _is_partial(self, newcomer: ObjectRecord, known: ObjectRecord) -> bool:
-        """One of the two is a partial instance of the other (appendix)."""
+        """One of the two is a partial instance of the other (appendix).
+
+        The middle of a part lies within the reach of the whole: few boxes have to be decoded.
+        """
+        if np.linalg.norm(newcomer.center - known.center) > max(newcomer.reach_m, known.reach_m):
+            return False
         box, known_box = self._box(newcomer), self._box(known)
         return is_residual(box, known_box, self._upkeep) or is_residual(known_box, box, self._upkeep)
 

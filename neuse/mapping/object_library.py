@@ -232,6 +232,22 @@ class ObjectLibrary:
         """The object that an id of the tracker means, if known."""
         return self.records.get(self.resolve(object_id))
 
+    def recall(self, known: MapObject, poses: Mapping[int, Array]) -> bool:
+        """Take over what an earlier map knew of an object; whether it is new here.
+
+        Of an object that is known here again its history is taken over.
+        """
+        record = self.find(known.object_id)
+        if record is None:
+            self.records[known.object_id] = recalled(known, poses)
+            return True
+        record.first_seen_ns = min(known.first_seen_ns, record.first_seen_ns)
+        record.n_observations += known.n_observations
+        record.since_tick = 0
+        if record.is_present and known.status != ObjectStatus.REMOVED:
+            record.status = known.status
+        return False
+
     def merge(self, duplicate_id: int, into_id: int) -> None:
         """Two ids mean one object: the first becomes an alias of the second and leaves the map."""
         duplicate, kept = self.records.pop(duplicate_id), self.records[into_id]

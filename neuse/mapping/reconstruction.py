@@ -53,61 +53,94 @@ def bounding_box(points: Array, T_map_object: Array) -> Box:
 
 @dataclass(frozen=True)
 class _Decoded:
-    """A mesh and its box in the map frame, as they were when `code` was decoded."""
+    """What came of decoding `code`: a mesh and its box in the map frame as they were then, or an error."""
 
     code: Code
-    mesh: trimesh.Trimesh
-    box: Box
+    shape: tuple[trimesh.Trimesh, Box] | NeuseError
+
+    @property
+    def mesh(self) -> trimesh.Trimesh:
+        """Raises the error if there is none."""
+        return self._found()[0]
+
+    @property
+    def box(self) -> Box:
+        """Raises the error if there is none."""
+        return self._found()[1]
+
+    def _found(self) -> tuple[trimesh.Trimesh, Box]:
+        if isinstance(self.shape, NeuseError):
+            raise self.shape.with_traceback(None)  # else it would grow each time
+        return self.shape
 
 
 class MeshCache:
-    """Meshes and boxes by object id; decoded anew only when the shape in the code has changed noticeably."""
+    """Meshes and boxes by object id; decoded anew only when the shape in the code has changed noticeably.
+
+    A shape takes long to decode. Who has no time for it asks for `now=False`: the latest shape that has been
+    decoded, at the place of the code.
+    """
 
     def __init__(self, reconstruct: Mapping[str, Reconstruct], redecode_rms_m: float) -> None:
         self._reconstruct = reconstruct
         self._redecode_rms_m = redecode_rms_m
         self._decoded: dict[int, _Decoded] = {}
 
-    def mesh(self, object_id: int, code: Code) -> trimesh.Trimesh:
+    def mesh(self, object_id: int, code: Code, now: bool = True) -> trimesh.Trimesh:
         """Full shape of the code, in the code's frame.
 
         Raises:
-            MeshError: no decoder for the category.    NeuseError: whatever the decoder refuses.
+            MeshError: no decoder for the category, or not decoded yet.    NeuseError: whatever the decoder
+            refuses.
         """
-        decoded, T_now_then = self._up_to_date(object_id, code)
+        decoded, T_now_then = self._placed(object_id, code, now)
         mesh = decoded.mesh.copy()
         mesh.apply_transform(T_now_then)
         return mesh
 
-    def box(self, object_id: int, code: Code, points: Array) -> Box:
-        """Box of the full shape; of the observed points (n, 3) where the code cannot be decoded."""
+    def box(self, object_id: int, code: Code, points: Array, now: bool = True) -> Box:
+        """Box of the full shape; of the observed points (n, 3) where there is none."""
         try:
-            decoded, T_now_then = self._up_to_date(object_id, code)
+            decoded, T_now_then = self._placed(object_id, code, now)
+            return decoded.box.moved(T_now_then)
         except NeuseError:
             return bounding_box(points, code.T_frame_object)
-        return decoded.box.moved(T_now_then)
+
+    def lag_m(self, object_id: int, code: Code) -> float:
+        """By how much the code has changed since it was decoded, rms; 0 if not noticeably, inf if never."""
+        decoded = self._decoded.get(object_id)
+        if decoded is None:
+            return np.inf
+        _, rms_m = align_points(decoded.code.z, code.z)
+        return rms_m if rms_m > self._redecode_rms_m else 0.0
+
+    def decode(self, object_id: int, code: Code) -> None:
+        """Bring a shape up to date."""
+        self._decoded[object_id] = _Decoded(code, self._shape(code))
 
     def forget(self, object_id: int) -> None:
         """Drop an object that left the map."""
         self._decoded.pop(object_id, None)
 
-    def _up_to_date(self, object_id: int, code: Code) -> tuple[_Decoded, Array]:
-        """The decoded shape, and T_now_then that carries it to where the code is now."""
-        decoded = self._decoded.get(object_id)
-        if decoded is not None:
-            T_now_then, rms_m = align_points(decoded.code.z, code.z)
-            if rms_m <= self._redecode_rms_m:
-                return decoded, T_now_then
-        decoded = self._decode(code)
-        self._decoded[object_id] = decoded
-        return decoded, np.eye(4)
+    def _placed(self, object_id: int, code: Code, now: bool) -> tuple[_Decoded, Array]:
+        """A decoded shape, and T_now_then that carries it to where the code is now."""
+        if now and self.lag_m(object_id, code) > 0.0:
+            self.decode(object_id, code)
+        if object_id not in self._decoded:
+            raise MeshError(f"object {object_id} has not been decoded yet")
+        decoded = self._decoded[object_id]
+        T_now_then, _ = align_points(decoded.code.z, code.z)
+        return decoded, T_now_then
 
-    def _decode(self, code: Code) -> _Decoded:
+    def _shape(self, code: Code) -> tuple[trimesh.Trimesh, Box] | NeuseError:
         if code.category not in self._reconstruct:
             known = ", ".join(sorted(self._reconstruct)) or "none"
-            raise MeshError(f"no decoder for category {code.category!r}; known: {known}")
-        mesh = lighter(self._reconstruct[code.category](code))
-        return _Decoded(code, mesh, bounding_box(np.asarray(mesh.vertices), code.T_frame_object))
+            return MeshError(f"no decoder for category {code.category!r}; known: {known}")
+        try:
+            mesh = lighter(self._reconstruct[code.category](code))
+        except NeuseError as error:
+            return error
+        return mesh, bounding_box(np.asarray(mesh.vertices), code.T_frame_object)
 
 
 def lighter(mesh: trimesh.Trimesh) -> trimesh.Trimesh:

@@ -100,6 +100,53 @@ def test_decoder_that_refuses_leaves_the_box_of_the_points():
     )
 
 
+def test_code_that_is_refused_is_not_tried_again_until_it_changes():
+    calls = []
+
+    def refuse(code):
+        calls.append(code)
+        raise MeshError("empty")
+
+    code = make_code(MUG, MUG.T_world_object, RNG)
+    cache = MeshCache({"mug": refuse}, 0.005)
+    for moved in (code, code.transformed(geometry.exp([0.1, 0.2, 0.3, 1.0, -1.0, 0.5]))):
+        with pytest.raises(MeshError, match="empty"):
+            cache.mesh(7, moved)
+    assert len(calls) == 1
+    with pytest.raises(MeshError, match="empty"):
+        cache.mesh(7, replace(code, z=code.center + 1.3 * (code.z - code.center)))
+    assert len(calls) == 2
+
+
+def test_who_has_no_time_gets_the_latest_shape_and_before_it_the_box_of_the_points():
+    decoder = CountingDecoder()
+    cache = MeshCache({"mug": decoder}, 0.005)
+    code = make_code(MUG, MUG.T_world_object, RNG)
+    points = code.center + RNG.uniform(-0.05, 0.05, size=(50, 3))
+    with pytest.raises(MeshError, match="not been decoded"):
+        cache.mesh(7, code, now=False)
+    box = cache.box(7, code, points, now=False)
+    np.testing.assert_array_equal(box.size, bounding_box(points, code.T_frame_object).size)
+    assert decoder.calls == 0
+    cache.decode(7, code)
+    larger = replace(code, z=code.center + 1.3 * (code.z - code.center))
+    assert cache.mesh(7, larger, now=False).volume == pytest.approx(decode(code).volume)
+    np.testing.assert_allclose(cache.box(7, larger, points, now=False).size, cache.box(7, code, points).size)
+    assert decoder.calls == 1
+
+
+def test_shape_lags_behind_until_it_is_decoded_and_while_the_code_differs():
+    cache = MeshCache(RECONSTRUCT, 0.005)
+    code = make_code(MUG, MUG.T_world_object, RNG)
+    larger = replace(code, z=code.center + 1.3 * (code.z - code.center))
+    assert cache.lag_m(7, code) == np.inf
+    cache.decode(7, code)
+    assert cache.lag_m(7, code.transformed(geometry.exp([0.1, 0.2, 0.3, 1.0, -1.0, 0.5]))) == 0.0
+    assert cache.lag_m(7, larger) > 0.005
+    cache.decode(7, larger)
+    assert cache.lag_m(7, larger) == 0.0
+
+
 def test_alignment_recovers_a_motion_and_never_a_mirror():
     points, T = RNG.normal(size=(20, 3)), geometry.exp([1.0, -2.0, 0.5, 3.0, 2.0, 1.0])
     found, rms_m = align_points(points, transform_points(T, points))
