@@ -1,27 +1,26 @@
 """mapper_node: tracked frames in; object map, its changes, markers and points out."""
 
 import sys
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-import numpy as np
 import trimesh
+from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
-from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import MarkerArray
 
 from neuse.embedding.code import Code
 from neuse.embedding.embedding import Embedding
 from neuse.errors import MapFileError, NeuseError
 from neuse.mapping.mapper import MapperParams, ObjectMapper
-from neuse.mapping.markers import MarkerBoard, map_points
 from neuse.mapping.reconstruction import Reconstruct
 from neuse.mapping.sessions import Sessions
 from neuse.params import param
 from neuse.records import ObjectChange
+from neuse.records import ObjectMap as Map
 from neuse_encoder_node.conversions import stamp_from_msg
 from neuse_encoder_node.qos import latched, reliable
 from neuse_encoder_node.run import run
@@ -29,6 +28,7 @@ from neuse_encoder_node.stage_node import StageNode, StageParams
 from neuse_encoder_node.stamps import NANOSECONDS, StampOrder
 from neuse_encoder_node.weights import MEANING, SHIPPED, load_embeddings
 from neuse_mapper_node import conversions
+from neuse_mapper_node.canvas import Canvas
 from neuse_mapper_node.keyframe_match import Estimates, KeyframeMatch
 from neuse_msgs.msg import KeyframeArray, ObjectMap, TrackedFrame
 from neuse_msgs.msg import ObjectChange as ObjectChangeMsg
@@ -37,6 +37,7 @@ from neuse_slam_node.conversions import change_to_msg, tracked_frame_from_msg
 from neuse_slam_node.packed_keyframes import KeyframeReader, unpack
 
 NAME = "mapper_node"
+SPARE_PERIOD_S = 0.2
 Item = tuple[int, TrackedFrame, Estimates | None]  # of the session of this index
 
 
@@ -48,6 +49,8 @@ class MapperNodeParams(StageParams):
     topic_depth: int = param(100, "depth of the reliable queues", 1, 10000)
     map_period_s: float = param(1.0, "the map is published at most this often, in stamps", 0.0, 3600.0)
     draw_period_s: float = param(3.0, "markers and points come at most this often, in stamps", 0.0, 3600.0)
+    decode_share: float = param(0.1, "shapes are decoded in this share of the time at most", 0.001, 1.0)
+    resolution_m: float = param(0.004, "grid on which shapes are decoded, m", 0.001, 0.1)
     map_frame: str = param("map", "name of the frame of the map")
     load_path: str = param("", "map file to go on with; empty: start with nothing")
     save_path: str = param("", "map file that is written when the node ends; empty: none")
@@ -61,6 +64,8 @@ class MapperNode(StageNode):
 
     def __init__(self) -> None:
         super().__init__(NAME, MapperNodeParams())
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(SPARE_PERIOD_S, self._use_spare_time, clock=steady)
 
     def build(self, params: MapperNodeParams) -> None:
         self._params = params
@@ -74,9 +79,9 @@ class MapperNode(StageNode):
         self._readers = [KeyframeReader() for _ in self._namespaces]
         self._orders = [StampOrder(params.restart_s) for _ in self._namespaces]
         self._told: tuple[tuple[int, int], ...] = ()
-        self._board = MarkerBoard()
         self._is_original = not params.load_path  # nobody has told this map to be another
-        self._next_map_ns = self._next_drawing_ns = 0
+        self._stamp_ns = self._next_map_ns = self._next_drawing_ns = 0
+        self._next_decoding_s, self._is_sketchy = 0.0, False
         self._connect(params.topic_depth)
         if params.load_path:
             self._load(params.load_path)
@@ -93,14 +98,13 @@ class MapperNode(StageNode):
 
         def decode(code: Code) -> trimesh.Trimesh:
             with self.health.timed("decode"):
-                return embedding.reconstruct(code)
+                return embedding.reconstruct(code, self._params.resolution_m)
 
         return decode
 
     def _connect(self, depth: int) -> None:
         self._map = self.offer(ObjectMap, "neuse/map", latched())
-        self._markers = self.offer(MarkerArray, "neuse/markers", latched())
-        self._points = self.offer(PointCloud2, "neuse/map_points", latched())
+        self._canvas = Canvas(self.offer, self._params.map_frame)
         self._changes = [self.offer(ObjectChangeMsg, "neuse/changes", reliable(depth))]
         self._priors = []
         for index, namespace in enumerate(self._namespaces):
@@ -134,7 +138,8 @@ class MapperNode(StageNode):
         if not steps:
             self.health.tally("frames_outside_the_map")
         self._publish_changes(changes)
-        self._publish_due(stamp_ns)
+        self._stamp_ns = stamp_ns
+        self._publish_due()
 
     def forget(self) -> None:
         self._clear()
@@ -151,7 +156,7 @@ class MapperNode(StageNode):
         self._sessions.distrust()
 
     def _show(self) -> None:
-        self._publish_map()
+        self._publish_map(self._mapper.sketch)
         self._draw()
 
     def _clear(self) -> None:
@@ -159,11 +164,9 @@ class MapperNode(StageNode):
         self._is_original = False
         self._mapper.reset()
         self._read_all()
-        map_frame = self._params.map_frame
-        self._next_map_ns = self._next_drawing_ns = 0
-        self._publish_map()
-        self._markers.publish(conversions.markers_to_msg(self._board.clear(), 0, map_frame))
-        self._points.publish(conversions.points_to_msg(np.zeros((0, 3)), np.zeros((0, 3)), 0, map_frame))
+        self._stamp_ns = self._next_map_ns = self._next_drawing_ns = 0
+        self._publish_map(self._mapper.sketch)
+        self._canvas.clear()
 
     def _read_all(self) -> None:
         """The mapper has no keyframes: it needs those as well that stay as they are."""
@@ -175,7 +178,7 @@ class MapperNode(StageNode):
 
     def finish(self) -> None:
         self._publish_changes(self._mapper.finalize())
-        self._publish_map()
+        self._publish_map(self._mapper.object_map)
         self._draw()
         if self._params.save_path and self._mapper.places():
             self._save_at_the_end(self._params.save_path)
@@ -203,7 +206,7 @@ class MapperNode(StageNode):
                 self._is_original = False
                 recalled = self._mapper.recall(object_map)
                 self.health.tally("recalled_objects", recalled)
-                self._publish_map()
+                self._publish_map(self._mapper.sketch)
 
     def _release(self) -> None:
         for index, match in enumerate(self._matches):
@@ -218,19 +221,44 @@ class MapperNode(StageNode):
         if changes:
             self._next_map_ns = self._next_drawing_ns = 0
 
-    def _publish_due(self, stamp_ns: int) -> None:
+    def _publish_due(self) -> None:
         """The map now and then, and after a change; pictures only while no frame has to wait for them."""
-        if stamp_ns >= self._next_map_ns:
-            self._next_map_ns = stamp_ns + int(self._params.map_period_s * NANOSECONDS)
-            self._publish_map()
-        if stamp_ns >= self._next_drawing_ns and not self.is_behind:
-            self._next_drawing_ns = stamp_ns + int(self._params.draw_period_s * NANOSECONDS)
+        if self._stamp_ns >= self._next_map_ns:
+            self._next_map_ns = self._stamp_ns + int(self._params.map_period_s * NANOSECONDS)
+            if len(self._namespaces) > 1:
+                self._mapper.merge_duplicates()
+            self._publish_map(self._mapper.sketch)
+        if not self.is_behind:
+            self._draw_if_due()
+
+    def _draw_if_due(self) -> None:
+        if self._stamp_ns >= self._next_drawing_ns and self._canvas.is_watched:
+            self._next_drawing_ns = self._stamp_ns + int(self._params.draw_period_s * NANOSECONDS)
             self._draw()
 
-    def _publish_map(self) -> None:
-        if len(self._namespaces) > 1:
-            self._mapper.merge_duplicates()
-        object_map = self._mapper.object_map
+    def _use_spare_time(self) -> None:
+        """Decode a shape now and then, and draw for a viewer who has come, while no frame has to wait."""
+        if not self._active or self.is_behind:
+            return
+        with self.lock:
+            self._decode_if_due()
+            self._draw_if_due()
+
+    def _decode_if_due(self) -> None:
+        """One shape at a time; the map is told once more when all are up to date."""
+        started_s = time.monotonic()
+        if started_s < self._next_decoding_s:
+            return
+        if self._mapper.decode_next():
+            self._is_sketchy = True
+        elif self._is_sketchy:
+            self._is_sketchy = False
+            self._next_drawing_ns = 0
+            self._publish_map(self._mapper.sketch)
+        spent_s = time.monotonic() - started_s
+        self._next_decoding_s = started_s + spent_s / self._params.decode_share
+
+    def _publish_map(self, object_map: Map) -> None:
         self.health.state("objects", len(object_map.objects))
         message = conversions.object_map_to_msg(object_map, self._params.map_frame)
         self._map.publish(message)
@@ -246,18 +274,13 @@ class MapperNode(StageNode):
                 publisher.publish(message)
 
     def _draw(self) -> None:
-        object_map, map_frame = self._mapper.object_map, self._params.map_frame
         with self.health.timed("draw"):
-            markers = self._board.draw(object_map, self._mapper.mesh, self._mapper.changes)
-            points, colors = map_points(object_map, self._mapper.mesh)
-        stamp_ns = object_map.stamp_ns
-        self._markers.publish(conversions.markers_to_msg(markers, stamp_ns, map_frame))
-        self._points.publish(conversions.points_to_msg(points, colors, stamp_ns, map_frame))
+            self._canvas.draw(self._mapper)
 
     def _save_map(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
         def save() -> str:
             self._mapper.save(request.path)
-            return f"{len(self._mapper.object_map.objects)} objects written to {request.path}"
+            return f"{len(self._mapper.places())} objects written to {request.path}"
 
         return self._answer(response, save)
 
@@ -265,7 +288,7 @@ class MapperNode(StageNode):
         def load() -> str:
             self._load(request.path)
             self._show()
-            return f"{len(self._mapper.object_map.objects)} objects loaded from {request.path}"
+            return f"{len(self._mapper.places())} objects loaded from {request.path}"
 
         return self._answer(response, load)
 
