@@ -76,9 +76,10 @@ class Graph:
         )
 
 
-def start_graph(node: Node, start_node: StartNode) -> Graph:
+def start_graph(node: Node, start_node: StartNode, **mapper_parameters: object) -> Graph:
     """Both nodes, ready."""
-    slam, mapper, peer = start_node("slam_node"), start_mapper(start_node), Peer(node, "slam_node")
+    slam, mapper = start_node("slam_node"), start_mapper(start_node, **mapper_parameters)
+    peer = Peer(node, "slam_node")
     peer.listen(DiagnosticArray, "/diagnostics")
     peer.listen(TrackedFrame, "neuse/frames")
     peer.listen(ObjectMapMsg, "neuse/map", LATCHED)
@@ -89,9 +90,9 @@ def start_graph(node: Node, start_node: StartNode) -> Graph:
     return Graph(slam, mapper, peer)
 
 
-def start_mapper(start_node: StartNode) -> RunningNode:
+def start_mapper(start_node: StartNode, **parameters: object) -> RunningNode:
     """A mapper that tells its map after every frame, and draws nothing."""
-    return start_node("mapper_node", map_period_s=0.0, draw_period_s=3600.0)
+    return start_node("mapper_node", map_period_s=0.0, draw_period_s=3600.0, **parameters)
 
 
 def prepared(steps: Iterable[Step], run: int) -> list[Step]:
