@@ -49,7 +49,7 @@ class MapperNodeParams(StageParams):
     topic_depth: int = param(100, "depth of the reliable queues", 1, 10000)
     map_period_s: float = param(1.0, "the map is published at most this often, in stamps", 0.0, 3600.0)
     draw_period_s: float = param(3.0, "markers and points come at most this often, in stamps", 0.0, 3600.0)
-    decode_share: float = param(0.1, "shapes are decoded in this share of the time at most", 0.001, 1.0)
+    decode_share: float = param(0.05, "shapes are decoded in this share of the time at most", 0.001, 1.0)
     resolution_m: float = param(0.004, "grid on which shapes are decoded, m", 0.001, 0.1)
     map_frame: str = param("map", "name of the frame of the map")
     load_path: str = param("", "map file to go on with; empty: start with nothing")
