@@ -21,6 +21,7 @@ from neuse.slam.keyframes import KeyframeRecord
 RESOLUTION_M = 0.002  # points nearer to each other than this are one
 MAX_ITERATIONS = 20
 MIN_INLIER_SHARE = 0.5
+MIN_POINTS = 30  # of a scan; the surface at a point is that of its ten neighbours
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class RefinementParams(CheckedParams):
 
     lags: int = param(2, "keyframes back to which object points are registered; 0 for none", 0, 10)
     min_objects: int = param(2, "common objects that a registration needs", 2, 100)
+    points_per_object: int = param(128, "points of an object that are registered", 8, 4096)
     max_distance_m: float = param(0.03, "points further apart do not correspond, metres", 0.001, 1.0)
     variance_scale: float = param(
         0.0032,
@@ -65,7 +67,10 @@ class Refiner:
         """
         if not self.params.lags or len(clouds) < self.params.min_objects:
             return []
-        scan = _scan(new, clouds)
+        count = self.params.points_per_object
+        scan = _scan(new, {key: _thinned(cloud, count) for key, cloud in clouds.items()})
+        if scan.points.size() < MIN_POINTS:
+            return []
         edges = [
             self._edge(old, scan, T_olds_new[old.record.keyframe_id - new.keyframe_id])
             for old in self._recent
@@ -110,6 +115,11 @@ class Refiner:
         covariance = np.linalg.inv(hessian) * self.params.variance_scale * range_m**2
         covariance = (covariance + covariance.T) / 2
         return covariance if is_covariance(covariance) else None
+
+
+def _thinned(cloud: np.ndarray, count: int) -> np.ndarray:
+    """(m, 3) every so many-th point, `count` at most."""
+    return cloud[:: -(-len(cloud) // count)] if len(cloud) else cloud
 
 
 def _scan(record: KeyframeRecord, clouds: Mapping[int, np.ndarray]) -> _Scan:

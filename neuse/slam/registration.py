@@ -228,13 +228,13 @@ def _covariances(T_b_a: Array, a: ObjectFrames, b: _Views, weights: Array) -> li
     noise[..., [5, 11]] *= b.axial[:, None, :, None, None]
     gains = weighted.transpose(0, 2, 4, 1, 3).reshape(B, n, 6, 9)
     G = gains @ noise.transpose(0, 2, 1, 3, 4).reshape(B, n, 9, 12)  # (B, n, 6, 12)
-    spread = (G @ G.swapaxes(-1, -2)).sum(axis=1)
-    return [_sandwich(H[i], spread[i]) for i in range(B)]
+    return _sandwiches(H, (G @ G.swapaxes(-1, -2)).sum(axis=1))
 
 
-def _sandwich(H: Array, spread: Array) -> Array | None:
-    information = H[:3, :3] - H[:3, 3:] @ np.linalg.solve(H[3:, 3:], H[3:, :3])
-    if np.linalg.eigvalsh(information)[0] < MAX_SIGMA_RAD**-2:
-        return None
-    H_inverse = np.linalg.inv(H)
-    return H_inverse @ spread @ H_inverse
+def _sandwiches(H: Array, spread: Array) -> list[Array | None]:
+    """H^-1 spread H^-1 of each pair of (B, 6, 6), None where a rotation is not determined."""
+    information = H[:, :3, :3] - H[:, :3, 3:] @ np.linalg.solve(H[:, 3:, 3:], H[:, 3:, :3])
+    told = np.linalg.eigvalsh(information)[:, 0] >= MAX_SIGMA_RAD**-2
+    H_inverse = np.linalg.inv(H[told])
+    covariances = iter(H_inverse @ spread[told] @ H_inverse)
+    return [next(covariances) if is_told else None for is_told in told]

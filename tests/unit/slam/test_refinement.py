@@ -8,7 +8,7 @@ from neuse.geometry import Array, exp, inverse, log, transform_points
 from neuse.records import Edge, EdgeKind
 from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.object_frames import reduce_codes
-from neuse.slam.refinement import RefinementParams, Refiner
+from neuse.slam.refinement import RefinementParams, Refiner, _scan
 
 SPOTS = {4: [-0.2, 0.1, 1.1], 7: [0.2, 0.0, 1.2], 9: [0.0, -0.1, 1.4]}
 MOTION = exp([0.02, -0.03, 0.01, 0.05, 0.01, -0.02])
@@ -61,3 +61,23 @@ def test_so_many_keyframes_back_are_registered(lags, count):
         edges = refiner.edges(record(i), clouds(np.eye(4), seed=i), T_olds_new)
         T_olds_new = np.tile(np.eye(4), (i + 1, 1, 1))
     assert [edge.from_id for edge in edges] == list(range(4 - count, 4))
+
+
+@pytest.mark.parametrize("count", [0, 1, 10])
+def test_objects_of_few_points_are_not_registered(count, capfd):
+    refiner, nothing = Refiner(), np.zeros((0, 4, 4))
+    few = [{key: cloud[:count] for key, cloud in clouds(np.eye(4), (4, 7)).items()} for _ in range(2)]
+    assert refiner.edges(record(0), few[0], nothing) == []
+    assert refiner.edges(record(1), few[1], np.eye(4)[None]) == []
+    assert capfd.readouterr().out == ""
+
+
+@pytest.mark.parametrize(("count", "kept"), [(8, 8), (128, 128), (1000, 256)])
+def test_so_many_points_of_an_object_are_registered(count, kept, monkeypatch):
+    sizes = []
+    monkeypatch.setattr(
+        "neuse.slam.refinement._scan",
+        lambda new, thin: sizes.extend(map(len, thin.values())) or _scan(new, thin),
+    )
+    refined(Refiner(RefinementParams(points_per_object=count)))
+    assert set(sizes) == {kept}
