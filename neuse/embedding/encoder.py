@@ -19,6 +19,7 @@ from neuse.embedding.layers import VNLinear
 from neuse.embedding.local_geometry import N_INVARIANTS, N_VECTORS, local_geometry
 
 N_SIGMAS = 7
+TINY = 1e-12  # a square to which the root has a slope
 
 
 @dataclass(frozen=True)
@@ -65,23 +66,27 @@ class FrameBlock(nn.Module):
         self.update = VNLinear(n_weights * N_VECTORS + 2 * n_vectors, n_vectors)
         self.gate = nn.Linear(width, n_vectors)
 
-    def forward(self, s: Tensor, vectors: Tensor, G: Tensor) -> tuple[Tensor, Tensor]:
-        """s (B, M, width) invariants of the points, vectors (B, M, 3 v), G (B, 3, C_g) -> new s, new G."""
-        scale = (G.square().sum(1, keepdim=True).mean(-1, keepdim=True) + 1e-4).sqrt()  # (B, 1, 1)
+    def forward(self, s: Tensor, mean: Tensor, vectors: Tensor, G: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """s (B, M, width) invariants of the points, their mean (B, width), vectors (B, M, 3 v), G (B, 3, C_g)
+        -> new s, mean and G."""
+        squares = G.square().sum(1)  # (B, C_g)
+        scale = (squares.mean(-1) + 1e-4).sqrt()[:, None, None]  # (B, 1, 1)
         unit = G / scale
-        invariants = torch.cat([(unit * self.partner(unit)).sum(1), G.norm(dim=1)], -1)  # (B, 2 C_g)
-        context = self.context(torch.cat([invariants, s.mean(1).float()], -1))  # (B, width)
+        products, lengths = (unit * self.partner(unit)).sum(1), (squares + TINY).sqrt()  # (B, C_g) each
+        context = self.context(torch.cat([products, lengths, mean.float()], -1))  # (B, width)
         lens = self.read(unit).unflatten(-1, (N_VECTORS, -1)).flatten(1, 2)  # (B, 3 v, width)
-        s = s + self.outer(F.silu(self.inner(self.norm(s)) + vectors @ lens + context[:, None]))
+        seen = torch.baddbmm(context[:, None], vectors, lens)  # (B, M, width)
+        s = self.outer(F.silu(self.inner(self.norm(s)).add_(seen))).add_(s)
+        mean = s.mean(1)  # (B, width)
         pooled = pool_vectors(self.weigh(F.silu(s)), vectors)  # (B, 3, n_weights v)
         cross = torch.linalg.cross(self.cross_a(unit), self.cross_b(unit), dim=1) * scale  # (B, 3, C_g)
-        gate = torch.sigmoid(self.gate(s.mean(1)))[:, None]  # (B, 1, C_g)
-        return s, G + gate * self.update(torch.cat([pooled, G, cross], -1))
+        gate = torch.sigmoid(self.gate(mean))[:, None]  # (B, 1, C_g)
+        return s, mean, G + gate * self.update(torch.cat([pooled, G, cross], -1))
 
 
 def pool_vectors(weights: Tensor, vectors: Tensor) -> Tensor:
     """Weighted means over the points: weights (B, M, w), vectors (B, M, 3 v) -> (B, 3, w v)."""
-    pooled = weights.float().mT @ vectors / weights.shape[1]  # (B, w, 3 v)
+    pooled = torch.bmm(weights.float().mT, vectors) / weights.shape[1]  # (B, w, 3 v)
     return pooled.unflatten(-1, (3, -1)).transpose(1, 2).flatten(2)  # (B, 3, w v)
 
 
@@ -111,10 +116,11 @@ class Encoder(nn.Module):
         vectors, invariants = local_geometry(points, n_anchors)  # (B, M, 3, v), (B, M, i)
         vectors = vectors.flatten(2)  # (B, M, 3 v)
         s = self.embed(invariants)  # (B, M, width)
+        mean = s.mean(1)  # (B, width)
         G = self.start(pool_vectors(self.weigh(F.silu(s)), vectors))  # (B, 3, C_g)
         for block in self.blocks:
-            s, G = block(s, vectors, G)
-        summary = torch.cat([s.mean(1).float(), s.amax(1).float(), G.norm(dim=1)], -1)
+            s, mean, G = block(s, mean, vectors, G)
+        summary = torch.cat([mean.float(), s.amax(1).float(), G.norm(dim=1)], -1)
         frame = self.to_frame(G)  # (B, 3, 4)
         if self.ambiguous:
             frame = frame * frame.new_tensor([1.0, 0.0, 0.0, 1.0])
