@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
+import torch
 from sensor_msgs.msg import CameraInfo, Image
 
 from neuse.embedding.observe import Observer, ObserverParams
@@ -45,6 +46,12 @@ class EncoderNodeParams(StageParams):
     detection_classes: tuple[str, ...] = param(
         ("cup=mug",), "name=category for classes of vision_msgs detections that are called otherwise here"
     )
+    threads: int = param(
+        1,
+        "threads of the network; more are faster only where cores are free, else they wait for each other",
+        1,
+        64,
+    )
     encoder: ObserverParams = field(default_factory=ObserverParams)
 
     def __post_init__(self) -> None:
@@ -62,6 +69,7 @@ class EncoderNode(StageNode):
         super().__init__(NAME, EncoderNodeParams())
 
     def build(self, params: EncoderNodeParams) -> None:
+        torch.set_num_threads(params.threads)
         self._observer = Observer(params.encoder, load_embeddings(params.weights))
         self._join = StampJoin(list(INPUTS), params.join_size)
         self._observations = self.offer(
