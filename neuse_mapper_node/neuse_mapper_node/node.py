@@ -1,9 +1,7 @@
 """mapper_node: tracked frames in; object map, its changes, markers and points out."""
 
 import sys
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -15,21 +13,22 @@ from std_srvs.srv import Trigger
 from neuse.embedding.code import Code
 from neuse.embedding.embedding import Embedding
 from neuse.errors import MapFileError, NeuseError
-from neuse.mapping.mapper import MapperParams, ObjectMapper
+from neuse.mapping.mapper import ObjectMapper
 from neuse.mapping.reconstruction import Reconstruct
 from neuse.mapping.sessions import Sessions
-from neuse.params import param
 from neuse.records import ObjectChange
 from neuse.records import ObjectMap as Map
 from neuse_encoder_node.conversions import stamp_from_msg
 from neuse_encoder_node.qos import latched, reliable
 from neuse_encoder_node.run import run
-from neuse_encoder_node.stage_node import StageNode, StageParams
+from neuse_encoder_node.stage_node import StageNode
 from neuse_encoder_node.stamps import NANOSECONDS, StampOrder
-from neuse_encoder_node.weights import MEANING, SHIPPED, load_embeddings
+from neuse_encoder_node.weights import load_embeddings
 from neuse_mapper_node import conversions
 from neuse_mapper_node.canvas import Canvas
+from neuse_mapper_node.decoding import Decoding
 from neuse_mapper_node.keyframe_match import Estimates, KeyframeMatch
+from neuse_mapper_node.params import MapperNodeParams
 from neuse_msgs.msg import KeyframeArray, ObjectMap, TrackedFrame
 from neuse_msgs.msg import ObjectChange as ObjectChangeMsg
 from neuse_msgs.srv import LoadMap, SaveMap
@@ -39,24 +38,6 @@ from neuse_slam_node.packed_keyframes import KeyframeReader, unpack
 NAME = "mapper_node"
 SPARE_PERIOD_S = 0.2
 Item = tuple[int, TrackedFrame, Estimates | None]  # of the session of this index
-
-
-@dataclass(frozen=True)
-class MapperNodeParams(StageParams):
-    """Parameters of mapper_node."""
-
-    queue_size: int = param(200, "frames that may wait for the worker; beyond it the oldest goes", 1, 100000)
-    topic_depth: int = param(100, "depth of the reliable queues", 1, 10000)
-    map_period_s: float = param(1.0, "the map is published at most this often, in stamps", 0.0, 3600.0)
-    draw_period_s: float = param(3.0, "markers and points come at most this often, in stamps", 0.0, 3600.0)
-    decode_share: float = param(0.05, "shapes are decoded in this share of the time at most", 0.001, 1.0)
-    resolution_m: float = param(0.004, "grid on which shapes are decoded, m", 0.001, 0.1)
-    map_frame: str = param("map", "name of the frame of the map")
-    load_path: str = param("", "map file to go on with; empty: start with nothing")
-    save_path: str = param("", "map file that is written when the node ends; empty: none")
-    sessions: str = param("", "namespaces of robots that share this map, with commas; empty: the node's own")
-    weights: tuple[str, ...] = param(SHIPPED, MEANING)
-    mapper: MapperParams = field(default_factory=MapperParams)
 
 
 class MapperNode(StageNode):
@@ -81,7 +62,7 @@ class MapperNode(StageNode):
         self._told: tuple[tuple[int, int], ...] = ()
         self._is_original = not params.load_path  # nobody has told this map to be another
         self._stamp_ns = self._next_map_ns = self._next_drawing_ns = 0
-        self._next_decoding_s, self._is_sketchy = 0.0, False
+        self._decoding = Decoding(self._mapper, params.decode_share)
         self._connect(params.topic_depth)
         if params.load_path:
             self._load(params.load_path)
@@ -106,7 +87,7 @@ class MapperNode(StageNode):
         self._map = self.offer(ObjectMap, "neuse/map", latched())
         self._canvas = Canvas(self.offer, self._params.map_frame)
         self._changes = [self.offer(ObjectChangeMsg, "neuse/changes", reliable(depth))]
-        self._priors = []
+        self._priors: list[Any] = []
         for index, namespace in enumerate(self._namespaces):
             self._connect_session(index, namespace, depth)
         self.listen(ObjectMap, "neuse/recalled_map", self._receive_recalled, reliable(1))
@@ -241,22 +222,10 @@ class MapperNode(StageNode):
         if not self._active or self.is_behind:
             return
         with self.lock:
-            self._decode_if_due()
+            if self._decoding.go_on():
+                self._publish_map(self._mapper.sketch)
+                self._next_drawing_ns = 0
             self._draw_if_due()
-
-    def _decode_if_due(self) -> None:
-        """One shape at a time; the map is told once more when all are up to date."""
-        started_s = time.monotonic()
-        if started_s < self._next_decoding_s:
-            return
-        if self._mapper.decode_next():
-            self._is_sketchy = True
-        elif self._is_sketchy:
-            self._is_sketchy = False
-            self._next_drawing_ns = 0
-            self._publish_map(self._mapper.sketch)
-        spent_s = time.monotonic() - started_s
-        self._next_decoding_s = started_s + spent_s / self._params.decode_share
 
     def _publish_map(self, object_map: Map) -> None:
         self.health.state("objects", len(object_map.objects))
