@@ -30,7 +30,7 @@ from neuse_bags import topics
 from neuse_bags.cli import check_at_least, command_parser, ros_node, run_command
 from neuse_bags.conversions import odometry_to_msg
 from neuse_bags.definitions import message_class
-from neuse_bags.demo import AWAITED, NODES, START_S, running_graph
+from neuse_bags.demo import NODES, START_S, awaited, running_graph
 from neuse_bags.frames import write_frame
 from neuse_bags.mcap_file import BagWriter
 from neuse_bags.play import LEAST_RATE
@@ -121,7 +121,7 @@ def measure(bag: Path, rate: float, logs: Path) -> Figures:
         executor.add_node(node)
         threading.Thread(target=executor.spin, daemon=True).start()
         pids = {name: graph.start(package, name).pid for name, package in NODES.items()}
-        waiting = ["--wait-for", str(START_S), "--wait-topics", *AWAITED]
+        waiting = ["--wait-for", str(START_S), "--wait-topics", *awaited()]
         graph.start("neuse_bags", "play", bag, "--rate", rate, *waiting)
         before = _used_when(lambda: bool(watch.arrived_s[topics.FRAMES.name]), pids)
         graph.wait("play")

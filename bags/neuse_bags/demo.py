@@ -1,5 +1,8 @@
 """The whole graph on a simulated bag: three nodes, a recorder and a player as processes of their own.
 
+A bag of several cameras gets an encoder_node and a slam_node for each, in the camera's namespace, and one
+mapper_node for all; DIR/robots.json then says where each has found itself and what they have exchanged.
+
 Simulates the world unless DIR/<preset>.mcap is there, plays it to the nodes, records what they publish into
 DIR/recording.mcap, and writes all that evaluate writes. What each process says goes to DIR/logs/.
 """
@@ -9,7 +12,7 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -21,16 +24,16 @@ from neuse_bags.cli import check_at_least, command_parser, run_command
 from neuse_bags.evaluate import RECORDING, evaluate_recording, refuse_overwriting
 from neuse_bags.mcap_file import BagReader
 from neuse_bags.play import LEAST_RATE
+from neuse_bags.robots import evaluate_robots
 
 NODES = {
     "encoder_node": "neuse_encoder_node",
     "slam_node": "neuse_slam_node",
     "mapper_node": "neuse_mapper_node",
 }
-PATIENCE = {"queue_size": 1000, "finish_s": 600.0}  # a bag's frames shall all be used
+PATIENCE: dict[str, object] = {"queue_size": 1000, "finish_s": 600.0}  # a bag's frames shall all be used
 ENCODER_PATIENCE = PATIENCE | {"input_depth": 100, "input_reliable": True}
-BETWEEN_NODES = (topics.OBSERVATIONS, topics.FRAMES, topics.EDGES, topics.MAP)
-AWAITED = [t.name for t in (*topics.FRAME_TOPICS, topics.ODOMETRY, *BETWEEN_NODES)]
+OF_EACH_ROBOT = (*topics.FRAME_TOPICS, topics.ODOMETRY, topics.OBSERVATIONS, topics.FRAMES, topics.EDGES)
 START_S, END_S = 180.0, 660.0
 
 
@@ -44,29 +47,49 @@ class Graph:
         self._environment = os.environ | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         self._environment.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
 
-    def start(self, package: str, executable: str, *arguments: str | Path | float) -> subprocess.Popen:
-        """Start an executable of a package, as `ros2 run` does."""
-        with (self._logs / f"{executable}.log").open("w") as log:
-            self._processes[executable] = subprocess.Popen(
+    def start(
+        self, package: str, executable: str, *arguments: str | Path | float, name: str = ""
+    ) -> subprocess.Popen:
+        """Start an executable of a package, as `ros2 run` does; name: of its log, where it runs twice."""
+        name = name or executable
+        with (self._logs / f"{name}.log").open("w") as log:
+            self._processes[name] = subprocess.Popen(
                 [_executable(package, executable), *map(str, arguments)],
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 env=self._environment,
             )
-        return self._processes[executable]
+        return self._processes[name]
 
-    def wait(self, executable: str) -> None:
+    def start_nodes(self, namespaces: Sequence[str], live: bool) -> None:
+        """The nodes of one robot, or of several with one mapper.
+
+        live: they have their defaults, as for a camera: what comes too fast is dropped and counted.
+        """
+        patience = {} if live else PATIENCE
+        for index, namespace in enumerate(namespaces):
+            encoder = {} if live else ENCODER_PATIENCE
+            self._start_node("encoder_node", encoder, namespace)
+            self._start_node("slam_node", patience | _joining(index, len(namespaces)), namespace)
+        sharing = {"sessions": ",".join(namespaces)} if len(namespaces) > 1 else {}
+        self._start_node("mapper_node", patience | sharing)
+
+    def _start_node(self, node: str, parameters: Mapping[str, object], namespace: str = "") -> None:
+        name = node + namespace.replace("/", "_")
+        self.start(NODES[node], node, *_ros_arguments(parameters, namespace), name=name)
+
+    def wait(self, name: str) -> None:
         """Wait for one process to end; all others must outlive it.
 
         Raises:
             NeuseError: it failed, or another one ended before.
         """
-        process = self._processes[executable]
+        process = self._processes[name]
         while process.poll() is None:
             self._check_alive()
             time.sleep(0.2)
         if process.returncode:
-            raise self._failed(executable)
+            raise self._failed(name)
 
     def kill(self) -> None:
         """Stop all processes, finished or not."""
@@ -108,20 +131,22 @@ def running_graph(logs: Path) -> Iterator[Graph]:
     graph.end()
 
 
-def record_graph(bag: Path, recording: Path, rate: float, logs: Path, live: bool = False) -> None:
-    """Play a bag to the three nodes and record what they publish.
-
-    live: the nodes have their defaults, as for a camera: what comes too fast is dropped and counted.
-    """
+def record_graph(
+    bag: Path, recording: Path, rate: float, logs: Path, live: bool = False, namespaces: Sequence[str] = ("",)
+) -> None:
+    """Play a bag to the nodes and record what they publish; namespaces: of the cameras in the bag."""
     with running_graph(logs) as graph:
-        for executable, package in NODES.items():
-            patience = ENCODER_PATIENCE if executable == "encoder_node" else PATIENCE
-            graph.start(package, executable, *_ros_arguments({} if live else patience))
+        graph.start_nodes(namespaces, live)
         graph.start("neuse_bags", "record", "--out", recording, "--overwrite")
-        waiting = ["--wait-for", str(START_S), "--wait-topics", *AWAITED]
+        waiting = ["--wait-for", str(START_S), "--wait-topics", *awaited(namespaces)]
         graph.start("neuse_bags", "play", bag, "--rate", rate, *waiting)
         graph.wait("play")
     print((logs / "play.log").read_text().strip())
+
+
+def awaited(namespaces: Sequence[str] = ("",)) -> list[str]:
+    """Topics that have subscribers once all nodes, and who listens to them, are ready."""
+    return [topic.under(name).name for name in namespaces for topic in OF_EACH_ROBOT] + [topics.MAP.name]
 
 
 def demo(args: argparse.Namespace) -> None:
@@ -131,8 +156,12 @@ def demo(args: argparse.Namespace) -> None:
     refuse_overwriting(bag, recording)
     if args.bag is None and not bag.exists():
         _simulate(args.preset, bag)
-    BagReader(bag).close()  # a bag that cannot be read is told before anything starts
-    record_graph(bag, recording, args.rate, args.out / "logs", args.live)
+    with BagReader(bag) as source:  # a bag that cannot be read is told before anything starts
+        namespaces = topics.namespaces_in(source) or ("",)
+    record_graph(bag, recording, args.rate, args.out / "logs", args.live, namespaces)
+    if len(namespaces) > 1:
+        print(evaluate_robots(recording, bag, args.out))
+        return
     if args.live:
         print("\n".join(last_summaries(args.out / "logs")))
     print(evaluate_recording(recording, bag, args.out))
@@ -157,9 +186,17 @@ def last_summaries(logs: Path) -> list[str]:
     return lines
 
 
-def _ros_arguments(parameters: Mapping[str, object]) -> list[str]:
-    """Parameters as a command line has them."""
+def _joining(index: int, n: int) -> dict[str, object]:
+    """Parameters of one slam_node of n that share a map: the first begins it."""
+    if n == 1:
+        return {}
+    return {"joining.session": index, "joining.sessions": n, "joining.wait_for_map": index > 0}
+
+
+def _ros_arguments(parameters: Mapping[str, object], namespace: str = "") -> list[str]:
+    """Parameters and namespace as a command line has them."""
     pairs = [("-p", f"{name}:={value}") for name, value in parameters.items()]
+    pairs += [("-r", f"__ns:={namespace}")] if namespace else []
     return ["--ros-args", *(word for pair in pairs for word in pair)] if pairs else []
 
 

@@ -25,17 +25,24 @@ JOINED = tuple(topic.name for topic in (topics.DEPTH, topics.MASK, topics.INSTAN
 JOIN_CAPACITY = 100
 
 
-def write_frame(writer: BagWriter, frame: RgbdFrame) -> None:
-    """Append a frame to a bag whose frame topics are declared; colour only if there is any."""
+def write_frame(writer: BagWriter, frame: RgbdFrame, namespace: str = "") -> None:
+    """Append a frame to a bag whose frame topics are declared; colour only if there is any.
+
+    namespace: of the camera's topics, where there are several.
+    """
+
+    def write(topic: topics.TopicSpec, message: object) -> None:
+        writer.write(namespace + topic.name, message, frame.stamp_ns)
+
     header = header_to_msg(frame.stamp_ns, CAMERA_FRAME)
     info = camera_info_to_msg(frame.intrinsics, header)
-    writer.write(topics.DEPTH.name, depth_to_msg(frame.depth_m, header), frame.stamp_ns)
-    writer.write(topics.DEPTH_INFO.name, info, frame.stamp_ns)
-    writer.write(topics.MASK.name, mask_to_msg(frame.mask, header), frame.stamp_ns)
-    writer.write(topics.INSTANCES.name, instances_to_msg(frame.instances, header), frame.stamp_ns)
+    write(topics.DEPTH, depth_to_msg(frame.depth_m, header))
+    write(topics.DEPTH_INFO, info)
+    write(topics.MASK, mask_to_msg(frame.mask, header))
+    write(topics.INSTANCES, instances_to_msg(frame.instances, header))
     if frame.color is not None:
-        writer.write(topics.COLOR.name, image_to_msg(frame.color, "rgb8", header), frame.stamp_ns)
-        writer.write(topics.COLOR_INFO.name, info, frame.stamp_ns)
+        write(topics.COLOR, image_to_msg(frame.color, "rgb8", header))
+        write(topics.COLOR_INFO, info)
 
 
 def read_frames(

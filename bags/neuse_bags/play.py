@@ -133,7 +133,7 @@ def play(args: argparse.Namespace) -> None:
     check_at_least("--wait-for", args.wait_for, 0.0, "0 does not wait")
     with stop_on_signal() as stop, BagReader(args.bag) as bag, ros_node("bag_player") as node:
         player = Player(node, bag, _selected(bag, args.topics), args.rate, args.clock)
-        awaited = args.wait_topics or [name for name in NODE_INPUTS if name in bag.topics]
+        awaited = args.wait_topics or [name for name in bag.topics if name.endswith(NODE_INPUTS)]
         missing = wait_for_subscribers(node, awaited, args.wait_for, stop)
         if missing and not stop.is_set():
             print(f"play: nobody listens to {', '.join(missing)}; playing all the same", file=sys.stderr)

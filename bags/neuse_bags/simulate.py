@@ -1,12 +1,13 @@
 """Simulate a world and write it as a bag: camera, segmentation, odometry and ground truth.
 
 The same PRESET and --seed give the same bag. Ground truth lies under ground_truth/; only evaluate reads it.
-Ctrl-C leaves a whole bag of the frames so far, and exit code 130.
+Ctrl-C leaves a whole bag of the frames so far, and exit code 130. Of several cameras each has its own way and
+its own topics, under /a, /b and so on; the world and its changes are those of the first.
 """
 
 import argparse
 from collections import Counter
-from itertools import islice
+from collections.abc import Sequence
 from pathlib import Path
 
 from std_msgs.msg import UInt32
@@ -14,6 +15,7 @@ from tqdm import tqdm
 
 from neuse.evaluation.simulated_truth import is_clearly_seen, true_object
 from neuse.records import ObjectChange
+from neuse.simulation.returning import fellow
 from neuse.simulation.worlds import PRESETS, SimulatedFrame, make_world, simulate
 from neuse_bags import topics
 from neuse_bags.cli import check_at_least, command_parser, run_command, stop_on_signal
@@ -24,25 +26,30 @@ from neuse_slam_node.conversions import change_to_msg
 
 
 class TruthWriter:
-    """Writes ground truth beside the frames; counts how often each object is clearly seen at its place."""
+    """Writes ground truth beside the frames; counts how often each object is clearly seen at its place.
 
-    def __init__(self, writer: BagWriter) -> None:
-        self._writer = writer
+    Of several cameras each has poses under its namespace; the first one also tells the map and its changes.
+    """
+
+    def __init__(self, writer: BagWriter, namespaces: Sequence[str] = ("",)) -> None:
+        self._writer, self._namespaces = writer, namespaces
         self._seen: Counter[int] = Counter()
         self._last: SimulatedFrame | None = None
 
-    def add(self, simulated: SimulatedFrame) -> None:
-        """Truth of one frame; the map only where it begins or has changed."""
+    def add(self, simulated: SimulatedFrame, *others: SimulatedFrame) -> None:
+        """Truth of one frame, and of those of other cameras; the map only where it begins or has changed."""
         stamp_ns = simulated.frame.stamp_ns
-        pose = odometry_to_msg(stamp_ns, simulated.T_world_camera, WORLD_FRAME)
-        self._writer.write(topics.TRUE_ODOMETRY.name, pose, stamp_ns)
+        for namespace, view in zip(self._namespaces, (simulated, *others), strict=True):
+            pose = odometry_to_msg(stamp_ns, view.T_world_camera, WORLD_FRAME)
+            self._writer.write(namespace + topics.TRUE_ODOMETRY.name, pose, stamp_ns)
         for change in simulated.changes:
             self._add_change(change)
         if self._last is None or simulated.changes:
             self._write_map(simulated)
         if self._last is None or simulated.traversal != self._last.traversal:
             self._writer.write(topics.TRUE_TRAVERSAL.name, UInt32(data=simulated.traversal), stamp_ns)
-        self._seen.update(item.object_id for item in simulated.objects if is_clearly_seen(item, simulated))
+        for view in (simulated, *others):
+            self._seen.update(item.object_id for item in view.objects if is_clearly_seen(item, view))
         self._last = simulated
 
     def finish(self) -> None:
@@ -64,29 +71,37 @@ def simulate_bag(args: argparse.Namespace) -> None:
     """The command."""
     if args.frames is not None:
         check_at_least("--frames", args.frames, 1, "leave it out for all")
+    namespaces = topics.namespaces(args.cameras)
     world = make_world(args.preset, args.seed, args.meshes)
+    worlds = [world, *(fellow(world, index) for index in range(1, args.cameras))]
     n_frames = min(world.frames, args.frames or world.frames)
     with stop_on_signal() as stop, BagWriter(args.out) as writer:
-        topics.declare(
-            writer, (*topics.FRAME_TOPICS, *topics.COLOR_TOPICS, topics.ODOMETRY, *topics.TRUTH_TOPICS)
-        )
-        truth = TruthWriter(writer)
-        for simulated in tqdm(
-            islice(simulate(world), n_frames), total=n_frames, unit="frame", desc=args.preset
-        ):
-            write_frame(writer, simulated.frame)
-            odometry = simulated.odometry
-            message = odometry_to_msg(odometry.stamp_ns, odometry.T_odom_camera, "odom")
-            writer.write(topics.ODOMETRY.name, message, odometry.stamp_ns)
-            truth.add(simulated)
+        _declare(writer, namespaces)
+        truth = TruthWriter(writer, namespaces)
+        views = zip(*(simulate(one, 0, n_frames) for one in worlds), strict=True)
+        for simulated in tqdm(views, total=n_frames, unit="frame", desc=args.preset):
+            for namespace, view in zip(namespaces, simulated, strict=True):
+                write_frame(writer, view.frame, namespace)
+                odometry = view.odometry
+                message = odometry_to_msg(odometry.stamp_ns, odometry.T_odom_camera, "odom")
+                writer.write(namespace + topics.ODOMETRY.name, message, odometry.stamp_ns)
+            truth.add(*simulated)
             if stop.is_set():
                 break
         truth.finish()
-    _report(args.out, writer, stopped=stop.is_set())
+    _report(args.out, writer, namespaces, stopped=stop.is_set())
 
 
-def _report(path: Path, writer: BagWriter, stopped: bool) -> None:
-    n_frames, megabytes = writer.counts[topics.DEPTH.name], path.stat().st_size / 1e6
+def _declare(writer: BagWriter, namespaces: Sequence[str]) -> None:
+    """All topics; of the truth only the poses are each camera's own."""
+    own = (*topics.FRAME_TOPICS, *topics.COLOR_TOPICS, topics.ODOMETRY, topics.TRUE_ODOMETRY)
+    shared = tuple(topic for topic in topics.TRUTH_TOPICS if topic not in own)
+    topics.declare(writer, (*(topic.under(name) for name in namespaces for topic in own), *shared))
+
+
+def _report(path: Path, writer: BagWriter, namespaces: Sequence[str], stopped: bool) -> None:
+    n_frames = sum(writer.counts[namespace + topics.DEPTH.name] for namespace in namespaces)
+    megabytes = path.stat().st_size / 1e6
     print(f"{path}: {n_frames} frames, {megabytes:.0f} MB")
     if stopped:
         raise KeyboardInterrupt
@@ -105,6 +120,7 @@ def parser() -> argparse.ArgumentParser:
         help="DIR/<category>/*.obj|ply|stl replace the procedural shapes",
     )
     made.add_argument("--frames", type=int, metavar="N", help="only the first N frames (all)")
+    made.add_argument("--cameras", type=int, default=1, metavar="N", help="cameras at the same time (1)")
     return made
 
 

@@ -1,10 +1,12 @@
 """Every topic that this package writes: name, type, and the quality of service it is offered with."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from string import ascii_lowercase
 
 from rclpy.qos import QoSProfile
 
-from neuse_bags.mcap_file import BagWriter
+from neuse.errors import ParamError
+from neuse_bags.mcap_file import BagReader, BagWriter
 from neuse_bags.qos import LATCHED, RELIABLE
 
 
@@ -15,6 +17,10 @@ class TopicSpec:
     name: str
     type_name: str
     qos: QoSProfile
+
+    def under(self, namespace: str) -> "TopicSpec":
+        """The same topic of one robot among several; namespace: `/a`, or nothing."""
+        return replace(self, name=namespace + self.name)
 
 
 DEPTH = TopicSpec("/depth/image", "sensor_msgs/msg/Image", RELIABLE)
@@ -42,12 +48,29 @@ PATH = TopicSpec("/neuse/path", "nav_msgs/msg/Path", RELIABLE)
 MAP = TopicSpec("/neuse/map", "neuse_msgs/msg/ObjectMap", LATCHED)
 MARKERS = TopicSpec("/neuse/markers", "visualization_msgs/msg/MarkerArray", LATCHED)
 MAP_POINTS = TopicSpec("/neuse/map_points", "sensor_msgs/msg/PointCloud2", LATCHED)
+PRIOR_MAP = TopicSpec("/neuse/prior_map", "neuse_msgs/msg/ObjectMap", LATCHED)
 CHANGES = TopicSpec("/neuse/changes", "neuse_msgs/msg/ObjectChange", RELIABLE)
 DIAGNOSTICS = TopicSpec("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", RELIABLE)
 OUTPUT_TOPICS = (
     *(OBSERVATIONS, EDGES, FRAMES, KEYFRAMES, EST_ODOMETRY, PATH),
     *(MAP, MARKERS, MAP_POINTS, CHANGES, DIAGNOSTICS),
 )
+
+
+def namespaces(count: int) -> tuple[str, ...]:
+    """Of so many cameras: none of one, `/a`, `/b` and so on of several.
+
+    Raises:
+        ParamError: no camera, or more than there are letters.
+    """
+    if not 1 <= count <= len(ascii_lowercase):
+        raise ParamError(f"{count} cameras; choose 1 to {len(ascii_lowercase)}")
+    return ("",) if count == 1 else tuple(f"/{ascii_lowercase[index]}" for index in range(count))
+
+
+def namespaces_in(bag: BagReader) -> tuple[str, ...]:
+    """Of the cameras in a bag."""
+    return tuple(sorted(name.removesuffix(DEPTH.name) for name in bag.topics if name.endswith(DEPTH.name)))
 
 
 def declare(writer: BagWriter, topics: tuple[TopicSpec, ...]) -> None:

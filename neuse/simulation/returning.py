@@ -1,4 +1,4 @@
-"""Coming back to a place: a share of its objects has moved or gone, and the camera starts anywhere."""
+"""Other cameras in a world: one that comes back when things have moved or gone, one at the same time."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -55,6 +55,15 @@ def come_back(
                 T_odom_camera=T_odom_camera,
             )
     raise ParamError(f"no start on {world.preset.name} shows {n_known} objects that stay; change fewer")
+
+
+def fellow(world: World, index: int) -> World:
+    """The same world at the same time for another camera (1, 2, ...) with a way and odometry of its own."""
+    rng = np.random.default_rng([world.seed, index, crc32(b"fellow")])
+    trajectory = _path(world, world.frames, rng)
+    T_odom_camera = drifting_odometry(trajectory.T_world_camera, world.preset.odometry, rng)
+    seed = world.seed + 1_000_000 * index
+    return replace(world, seed=seed, trajectory=trajectory, T_odom_camera=T_odom_camera)
 
 
 def _changed(

@@ -122,6 +122,40 @@ def test_command_writes_a_bag_of_frames_odometry_and_truth(tmp_path: Path, capsy
     assert len(truth.final_objects()) == 12
 
 
+@pytest.mark.slow
+def test_cameras_have_topics_and_ways_of_their_own_in_one_world(tmp_path: Path, capsys) -> None:
+    out = tmp_path / "two.mcap"
+    assert main(["tabletop", "--seed", "103", "--frames", "2", "--cameras", "2", "--out", str(out)]) == 0
+    with BagReader(out) as bag:
+        assert topics.namespaces_in(bag) == ("/a", "/b")
+        counts = {name: topic.n_messages for name, topic in bag.topics.items()}
+        starts = [next(bag.messages([f"{name}/ground_truth/odometry"])).decode() for name in ("/a", "/b")]
+    own = (*topics.FRAME_TOPICS, *topics.COLOR_TOPICS, topics.ODOMETRY, topics.TRUE_ODOMETRY)
+    assert {counts[topic.under(name).name] for topic in own for name in ("/a", "/b")} == {2}
+    assert counts["/ground_truth/map"] == 2  # at the start and at the end
+    assert starts[0].pose.pose.position != starts[1].pose.pose.position
+    assert "4 frames" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("count", ["0", "27"])
+def test_number_of_cameras_must_have_letters(tmp_path: Path, capsys, count: str) -> None:
+    assert main(["tabletop", "--cameras", count, "--out", str(tmp_path / "a.mcap")]) == 2
+    assert f"{count} cameras; choose 1 to 26" in capsys.readouterr().err
+
+
+def test_sightings_of_all_cameras_count(simulated: list[SimulatedFrame], tmp_path: Path) -> None:
+    path = tmp_path / "two.mcap"
+    with BagWriter(path) as writer:
+        topics.declare(writer, (*topics.TRUTH_TOPICS, topics.TRUE_ODOMETRY.under("/b")))
+        truth = TruthWriter(writer, ("", "/b"))
+        for one in simulated:
+            truth.add(one, one)
+        truth.finish()
+    read = read_truth(path)
+    assert read is not None
+    assert [item.n_seen for item in read.final_objects()] == [10, 4]
+
+
 def test_unknown_preset_is_told_in_one_line(tmp_path: Path, capsys) -> None:
     assert main(["nowhere", "--out", str(tmp_path / "a.mcap")]) == 2
     errors = capsys.readouterr().err.strip().splitlines()

@@ -5,7 +5,7 @@ import pytest
 
 from neuse.errors import ParamError
 from neuse.simulation.changes import MIN_MOVE_M
-from neuse.simulation.returning import MIN_KNOWN, SEEN_M, SEEN_PX, come_back
+from neuse.simulation.returning import MIN_KNOWN, SEEN_M, SEEN_PX, come_back, fellow
 from neuse.simulation.worlds import World, make_world, simulate
 
 FRAMES = 12
@@ -88,3 +88,14 @@ def test_start_that_cannot_be_is_refused(before: World, monkeypatch: pytest.Monk
     monkeypatch.setattr("neuse.simulation.returning.MAX_DRAWS", 2)
     with pytest.raises(ParamError, match=r"no start on tabletop shows 99 objects .* change fewer"):
         come_back(before, 0, 3, n_known=99)
+
+
+def test_fellow_is_in_the_same_world_at_the_same_time_on_a_way_of_its_own(before: World):
+    first, again, second = fellow(before, 1), fellow(before, 1), fellow(before, 2)
+    assert first.timeline is before.timeline
+    assert first.frames == before.frames
+    np.testing.assert_array_equal(first.T_odom_camera, again.T_odom_camera)
+    ways = [world.trajectory.T_world_camera for world in (before, first, second)]
+    for one, other in ((0, 1), (0, 2), (1, 2)):
+        assert np.linalg.norm(ways[one][:, :3, 3] - ways[other][:, :3, 3], axis=1).min() > 1e-3
+    assert len({world.seed for world in (before, first, second)}) == 3
