@@ -69,7 +69,7 @@ class Refiner:
             return []
         count = self.params.points_per_object
         scan = _scan(new, {key: _thinned(cloud, count) for key, cloud in clouds.items()})
-        if scan.points.size() < MIN_POINTS:
+        if scan is None:
             return []
         edges = [
             self._edge(old, scan, T_olds_new[old.record.keyframe_id - new.keyframe_id])
@@ -122,8 +122,13 @@ def _thinned(cloud: np.ndarray, count: int) -> np.ndarray:
     return cloud[:: -(-len(cloud) // count)] if len(cloud) else cloud
 
 
-def _scan(record: KeyframeRecord, clouds: Mapping[int, np.ndarray]) -> _Scan:
+def _scan(record: KeyframeRecord, clouds: Mapping[int, np.ndarray]) -> _Scan | None:
+    """None where the points are too few for a surface."""
     points = np.concatenate(list(clouds.values())).astype(np.float64)
+    if len(points) < MIN_POINTS:
+        return None
+    prepared, tree = small_gicp.preprocess_points(points, RESOLUTION_M)
+    if prepared.size() < MIN_POINTS:
+        return None
     range_m = float(np.median(np.linalg.norm(points, axis=1)))
-    counts = {key: len(cloud) for key, cloud in clouds.items()}
-    return _Scan(record, counts, range_m, *small_gicp.preprocess_points(points, RESOLUTION_M))
+    return _Scan(record, {key: len(cloud) for key, cloud in clouds.items()}, range_m, prepared, tree)

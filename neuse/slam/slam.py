@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from neuse.errors import InputError
-from neuse.geometry import Array, adjoint, inverse
+from neuse.geometry import Array
 from neuse.params import CheckedParams, param
 from neuse.records import (
     NO_ID,
@@ -24,26 +24,26 @@ from neuse.records import (
     TrackedObservation,
 )
 from neuse.slam.association import AssociationParams
-from neuse.slam.backends import RECENT, Backend, EdgeBackend, LandmarkBackend
+from neuse.slam.backends import Backend, EdgeBackend, LandmarkBackend
 from neuse.slam.checks import check_choice
-from neuse.slam.edges import EdgeBuilder, EdgeParams
+from neuse.slam.edges import EdgeParams
 from neuse.slam.external import attach
 from neuse.slam.instantiation import InstantiationParams
-from neuse.slam.keyframes import KeyframeLibrary, KeyframeParams, KeyframeRecord
+from neuse.slam.keyframe_graph import KeyframeGraph
+from neuse.slam.keyframes import KeyframeParams, KeyframeRecord
 from neuse.slam.layout import View
 from neuse.slam.object_frames import SigmaParams, is_usable, reduce_codes
 from neuse.slam.odometry import OdometryFix, OdometryParams
 from neuse.slam.pose_graph import SolverParams
 from neuse.slam.prediction import Predictor
 from neuse.slam.prior_map import PriorMap
-from neuse.slam.refinement import RefinementParams, Refiner
+from neuse.slam.refinement import RefinementParams
 from neuse.slam.relocalization import Place
 from neuse.slam.track import Track
 from neuse.slam.tracker import Located, ObjectTracker
 from neuse.stopwatch import Stopwatch
 
 PLACES_AT_ONCE = 100  # read from a solution by turns, beside those in sight; all when a loop was closed
-LOOSE_HOLD = np.diag([0.03**2] * 6)  # rad^2, m^2: of the pose found in a known map; its objects hold more
 Tracks = Sequence[Track | None]  # of each observation of a frame
 
 
@@ -91,12 +91,8 @@ class ObjectSlam:
         self.stopwatch = Stopwatch()
         self._tracker = ObjectTracker(params.association, params.instantiation, params.use_ambiguous)
         self._predictor = Predictor(params.odometry, self.counters)
-        self._keyframes = KeyframeLibrary(params.keyframes)
-        self._edges = EdgeBuilder(params.edges)
-        self._refiner = Refiner(params.refinement)
-        self._backend = _backend(params)
+        self._graph = KeyframeGraph(params.keyframes, params.edges, params.refinement, _backend(params))
         self._last_stamp_ns: int | None = None
-        self._first_moved = 0
 
     def step(self, frame: ObservedFrame, odometry: OdometrySample | None) -> TrackedFrame:
         """Track one frame.
@@ -116,8 +112,10 @@ class ObjectSlam:
             located = self._tracker.locate(view, prediction, motion)
             tracks, fresh = self._tracker.update(view, [frame.observations[i] for i in usable], located)
         edges: list[Edge] = []
-        rejected_before = self._edges.rejected
-        keyframe = bool(fresh) or located.relocalized or self._keyframes.is_due(located.belief.T_map_camera)
+        rejected_before = self._graph.rejected_edges
+        keyframe = (
+            bool(fresh) or located.relocalized or self._graph.library.is_due(located.belief.T_map_camera)
+        )
         if keyframe:
             record = self._record(frame.stamp_ns, view, tracks, fix)
             clouds = {
@@ -127,7 +125,7 @@ class ObjectSlam:
             }
             edges = self._add_keyframe(record, clouds, located)
         self._predictor.settle(fix, self._tracker.belief)
-        self._keyframes.add_frame(frame.stamp_ns, self._tracker.belief.T_map_camera)
+        self._graph.library.add_frame(frame.stamp_ns, self._tracker.belief.T_map_camera)
         return TrackedFrame(
             stamp_ns=frame.stamp_ns,
             T_map_camera=self._tracker.belief.T_map_camera,
@@ -135,11 +133,11 @@ class ObjectSlam:
             observations=self._tracked(frame, usable, view, tracks, fresh),
             intrinsics=frame.intrinsics,
             coarse_depth_m=frame.coarse_depth_m,
-            keyframe_id=len(self._keyframes.records) - 1 if keyframe else NO_ID,
+            keyframe_id=len(self._graph.library.records) - 1 if keyframe else NO_ID,
             loop_closed=any(edge.kind == EdgeKind.LOOP_CLOSURE for edge in edges) or located.relocalized,
             odometry_only=located.blind,
             edges=tuple(edges),
-            rejected_edges=self._edges.rejected - rejected_before,
+            rejected_edges=self._graph.rejected_edges - rejected_before,
         )
 
     def near_at_hand(self, min_sightings: int, max_drift_m: float) -> list[Track]:
@@ -153,12 +151,9 @@ class ObjectSlam:
     def join(self, prior: PriorMap, place: Place) -> dict[int, int]:
         """Go on inside a map made by others; {id before: id in the map} of objects that both have named."""
         named = {key: self._tracker.library.tracks[key].object_id for key in place.matches}
-        T_session_last = self._backend.latest_poses()[-1]
-        self._keyframes.T_map_camera = place.T_map_session @ self._backend.latest_poses()
+        self._graph.move(place.T_map_session, place.covariance)
         self._predictor.correct(np.eye(4), place.T_map_session)
         self._tracker.move(place.T_map_session)
-        A = adjoint(inverse(T_session_last))
-        self._backend.move(place.T_map_session, A @ place.covariance @ A.T + LOOSE_HOLD)
         self._adopt(prior, place.matches)
         self._solve(loop_closed=True)
         return {before: place.matches[key] for key, before in named.items() if before != NO_ID}
@@ -177,8 +172,8 @@ class ObjectSlam:
         entering = [track for track in adopted if not track.in_graph]
         for track in entering:
             track.in_graph = True
-        self._add_earlier_sightings(entering)
-        self._backend.add_known(adopted)
+        self._graph.add_earlier_sightings(entering)
+        self._graph.add_known(adopted)
 
     def apply_change(self, change: ObjectChange) -> None:
         """Take the mapper's word for a change: places that an object left never match again.
@@ -203,28 +198,24 @@ class ObjectSlam:
             How many were accepted. Edges with unknown stamps, or whose pose or covariance is none, are
             counted.
         """
-        attached = attach(edges, self._keyframes, self.params.stamp_tolerance_s, self.counters)
+        attached = attach(edges, self._graph.library, self.params.stamp_tolerance_s, self.counters)
         if attached:
-            self._backend.add_external(attached)
+            self._graph.add_external(attached)
             self._solve(loop_closed=True)
         return len(attached)
 
     @property
     def keyframes(self) -> tuple[Keyframe, ...]:
         """All keyframes with their latest estimates."""
-        pairs = zip(self._keyframes.records, self._backend.latest_poses(), strict=True)
-        return tuple(Keyframe(record.keyframe_id, record.stamp_ns, T) for record, T in pairs)
+        return self._graph.all()
 
     def moved_keyframes(self) -> tuple[Keyframe, ...]:
         """Those that are new or may have moved since this was asked last; all of them after a closure."""
-        first, self._first_moved = self._first_moved, len(self._keyframes.records)
-        pairs = zip(self._keyframes.records[first:], self._keyframes.T_map_camera[first:], strict=True)
-        return tuple(Keyframe(record.keyframe_id, record.stamp_ns, T) for record, T in pairs)
+        return self._graph.moved()
 
     def trajectory(self) -> list[tuple[int, Array]]:
         """(stamp_ns, T_map_camera) of every frame, through its keyframe's latest estimate."""
-        self._keyframes.T_map_camera = self._backend.latest_poses()
-        return self._keyframes.trajectory()
+        return self._graph.trajectory()
 
     def _check_stamp(self, stamp_ns: int) -> None:
         if self._last_stamp_ns is not None and stamp_ns <= self._last_stamp_ns:
@@ -261,67 +252,42 @@ class ObjectSlam:
         allowed = view.frames.ambiguous <= self.params.use_ambiguous
         rows = [i for i, track in enumerate(tracks) if track is not None and allowed[i]]
         keys = np.array([track.key for i in rows if (track := tracks[i]) is not None], dtype=np.intp)
-        return KeyframeRecord(len(self._keyframes.records), stamp_ns, keys, view.frames[rows], fix)
+        return KeyframeRecord(len(self._graph.library.records), stamp_ns, keys, view.frames[rows], fix)
 
     def _add_keyframe(
         self, record: KeyframeRecord, clouds: Mapping[int, np.ndarray], located: Located
     ) -> list[Edge]:
         """Extend the graph by a keyframe and solve it; returns its edges that are worth publishing."""
-        records, tracks, params = self._keyframes.records, self._tracker.library.tracks, self.params.edges
+        tracks, params = self._tracker.library.tracks, self.params.edges
         well_seen = record.frames.variances[0] <= params.period_sigma_m**2
         for key in record.keys[well_seen].tolist():
             tracks[key].enter_keyframe(record.keyframe_id, params.period_gap, params.closure_spacing)
-        entering = self._tracker.enter_graph([tracks[key] for key in record.keys.tolist()])
+        seen, T_map_camera = [tracks[key] for key in record.keys.tolist()], self._tracker.belief.T_map_camera
+        entering = self._tracker.enter_graph(seen)
         with self.stopwatch.timed("edge"):
-            recent = self._keyframes.T_map_camera[-max(params.window, self.params.refinement.lags) :]
-            T_olds_new = inverse(recent) @ self._tracker.belief.T_map_camera
-            short_range = self._edges.short_range(record, records, tracks, T_olds_new)
-            closures = self._edges.loop_closures(record, records, tracks)
-            refined = self._refiner.edges(record, clouds, T_olds_new)
-        odometry, guessed = self._predictor.edge(records[-1] if records else None, record, short_range)
-        self._backend.add_keyframe(
-            record, self._tracker.belief.T_map_camera, [*odometry, *guessed, *short_range], closures
-        )
-        self._backend.add_external(refined)
-        self._add_sightings(record, entering)
-        records.append(record)
+            edges = self._graph.edges_of(record, clouds, tracks, T_map_camera)
+        odometry, guessed = self._predictor.edge(self._graph.last, record, edges.short_range)
+        self._graph.add_earlier_sightings(entering)
+        in_graph = [track for track in seen if track.in_graph]
+        self._graph.add(record, T_map_camera, [*odometry, *guessed], edges, in_graph)
         with self.stopwatch.timed("optimise"):
-            self._solve(bool(closures) or located.relocalized)
-        return [*odometry, *short_range, *closures]
-
-    def _add_sightings(self, record: KeyframeRecord, entering: Sequence[Track]) -> None:
-        """What this keyframe sees, and what earlier ones saw of tracks that have just entered the graph."""
-        tracks = [self._tracker.library.tracks[key] for key in record.keys.tolist()]
-        self._backend.add_sightings(record, [track for track in tracks if track.in_graph])
-        self._add_earlier_sightings(entering)
-
-    def _add_earlier_sightings(self, entering: Sequence[Track]) -> None:
-        for earlier in self._keyframes.records[-self.params.edges.window :]:
-            self._backend.add_sightings(earlier, [track for track in entering if track.key in earlier.keys])
+            self._solve(bool(edges.closures) or located.relocalized)
+        return [*odometry, *edges.short_range, *edges.closures]
 
     def _solve(self, loop_closed: bool) -> None:
-        T_last_camera = self._relative_to_last_keyframe()
-        self._keyframes.T_map_camera = self._backend.solve(loop_closed)
-        first_moved = 0 if loop_closed else max(len(self._keyframes.records) - RECENT, 0)
-        self._first_moved = min(self._first_moved, first_moved)
-        library, last = self._tracker.library, self._keyframes.records[-1]
+        T_last_camera = self._graph.relative_to_last(self._tracker.belief.T_map_camera)
+        self._graph.solve(loop_closed)
+        library, last = self._tracker.library, self._graph.library.records[-1]
         most = len(library.tracks) if loop_closed else PLACES_AT_ONCE
-        self._backend.place_all(library.by_turns(last.keys.tolist(), most))
-        T_map_camera = self._keyframes.T_map_camera[-1] @ T_last_camera
+        self._graph.place(library.by_turns(last.keys.tolist(), most))
+        T_map_camera = self._graph.library.T_map_camera[-1] @ T_last_camera
         self._predictor.correct(self._tracker.belief.T_map_camera, T_map_camera)
         self._tracker.correct(T_map_camera)
 
-    def _relative_to_last_keyframe(self) -> Array:
-        """T_keyframe_camera of the current frame; identity where it is a new keyframe itself."""
-        if len(self._keyframes.records) > len(self._keyframes.T_map_camera):
-            return np.eye(4)
-        return inverse(self._keyframes.T_map_camera[-1]) @ self._tracker.belief.T_map_camera
-
     def _covariance(self) -> Array:
         """Covariance of the current pose in the map: the keyframe's, and the frame's relative to it."""
-        last = len(self._keyframes.records) - 1
-        A = adjoint(inverse(self._relative_to_last_keyframe()))
-        return A @ self._backend.covariance(last) @ A.T + self._tracker.belief.covariance
+        belief = self._tracker.belief
+        return self._graph.covariance(belief.T_map_camera) + belief.covariance
 
 
 def _tracked_observation(

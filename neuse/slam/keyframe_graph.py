@@ -1,0 +1,141 @@
+"""Keyframes, the edges between them, and the graph that holds both (NeuSE IV-C)."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from neuse.geometry import Array, adjoint, inverse
+from neuse.records import Edge, Keyframe
+from neuse.slam.backends import RECENT, Backend
+from neuse.slam.edges import EdgeBuilder, EdgeParams
+from neuse.slam.keyframes import KeyframeLibrary, KeyframeParams, KeyframeRecord
+from neuse.slam.refinement import RefinementParams, Refiner
+from neuse.slam.track import Track
+
+LOOSE_HOLD = np.diag([0.03**2] * 6)  # rad^2, m^2: of the pose found in a known map; its objects hold more
+
+
+class NewEdges(NamedTuple):
+    """What ties a new keyframe to earlier ones: edges from codes, and motions refined by surfaces."""
+
+    short_range: list[Edge]
+    closures: list[Edge]
+    refined: list[Edge]
+
+
+class KeyframeGraph:
+    """All keyframes of a session with their latest estimates, and how they came about."""
+
+    def __init__(
+        self, keyframes: KeyframeParams, edges: EdgeParams, refinement: RefinementParams, backend: Backend
+    ) -> None:
+        self.library = KeyframeLibrary(keyframes)
+        self._edges, self._refiner, self._backend = EdgeBuilder(edges), Refiner(refinement), backend
+        self._reach = max(edges.window, refinement.lags)
+        self._window = edges.window
+        self._first_moved = 0
+
+    @property
+    def rejected_edges(self) -> int:
+        """Candidate edges that the gates have refused so far."""
+        return self._edges.rejected
+
+    @property
+    def last(self) -> KeyframeRecord | None:
+        """The latest keyframe, None before the first."""
+        return self.library.records[-1] if self.library.records else None
+
+    def edges_of(
+        self,
+        new: KeyframeRecord,
+        clouds: Mapping[int, np.ndarray],
+        tracks: dict[int, Track],
+        T_map_camera: Array,
+    ) -> NewEdges:
+        """Edges to a keyframe that is about to be added.
+
+        Args:
+            clouds: (m, 3) points of each track that it sees, camera frame.    T_map_camera: its tracked pose.
+        """
+        records = self.library.records
+        T_olds_new = inverse(self.library.T_map_camera[-self._reach :]) @ T_map_camera
+        return NewEdges(
+            self._edges.short_range(new, records, tracks, T_olds_new),
+            self._edges.loop_closures(new, records, tracks),
+            self._refiner.edges(new, clouds, T_olds_new),
+        )
+
+    def add(
+        self,
+        new: KeyframeRecord,
+        T_map_camera: Array,
+        odometry: Sequence[Edge],
+        edges: NewEdges,
+        seen: Sequence[Track],
+    ) -> None:
+        """A keyframe with its start value, what ties it to others, and the tracks of the graph it sees."""
+        self._backend.add_keyframe(new, T_map_camera, [*odometry, *edges.short_range], edges.closures)
+        self._backend.add_external(edges.refined)
+        self._backend.add_sightings(new, seen)
+        self.library.records.append(new)
+
+    def add_earlier_sightings(self, entering: Sequence[Track]) -> None:
+        """What the last keyframes saw of tracks that have just entered the graph."""
+        for earlier in self.library.records[-self._window :]:
+            self._backend.add_sightings(earlier, [track for track in entering if track.key in earlier.keys])
+
+    def add_external(self, edges: Sequence[Edge]) -> None:
+        """Edges of an external SLAM between our keyframes."""
+        self._backend.add_external(edges)
+
+    def solve(self, loop_closed: bool) -> None:
+        """Take in everything new; unless a loop was closed, keyframes long past may stay as they were."""
+        self.library.T_map_camera = self._backend.solve(loop_closed)
+        first_moved = 0 if loop_closed else max(len(self.library.records) - RECENT, 0)
+        self._first_moved = min(self._first_moved, first_moved)
+
+    def place(self, tracks: Iterable[Track]) -> None:
+        """Update the places of tracks of the graph from the last solution."""
+        self._backend.place_all(tracks)
+
+    def move(self, T_map_session: Array, covariance: Array) -> None:
+        """The session turns out to lie elsewhere, the last keyframe with this covariance (6, 6)."""
+        poses = self._backend.latest_poses()
+        A = adjoint(inverse(poses[-1]))
+        self.library.T_map_camera = T_map_session @ poses
+        self._backend.move(T_map_session, A @ covariance @ A.T + LOOSE_HOLD)
+
+    def add_known(self, tracks: Sequence[Track]) -> None:
+        """Tracks whose places are known from elsewhere."""
+        self._backend.add_known(tracks)
+
+    def relative_to_last(self, T_map_camera: Array) -> Array:
+        """T_keyframe_camera of a camera pose; identity where the last keyframe is yet to be solved."""
+        if len(self.library.records) > len(self.library.T_map_camera):
+            return np.eye(4)
+        return inverse(self.library.T_map_camera[-1]) @ T_map_camera
+
+    def covariance(self, T_map_camera: Array) -> Array:
+        """(6, 6) of the last keyframe's pose, at a camera pose that is fixed to it."""
+        A = adjoint(inverse(self.relative_to_last(T_map_camera)))
+        return A @ self._backend.covariance(len(self.library.records) - 1) @ A.T
+
+    def all(self) -> tuple[Keyframe, ...]:
+        """All keyframes with their latest estimates."""
+        return _keyframes(self.library.records, self._backend.latest_poses())
+
+    def moved(self) -> tuple[Keyframe, ...]:
+        """Those that are new or may have moved since this was asked last; all of them after a closure."""
+        first, self._first_moved = self._first_moved, len(self.library.records)
+        return _keyframes(self.library.records[first:], self.library.T_map_camera[first:])
+
+    def trajectory(self) -> list[tuple[int, Array]]:
+        """(stamp_ns, T_map_camera) of every frame, through its keyframe's latest estimate."""
+        self.library.T_map_camera = self._backend.latest_poses()
+        return self.library.trajectory()
+
+
+def _keyframes(records: Sequence[KeyframeRecord], T_map_camera: Array) -> tuple[Keyframe, ...]:
+    pairs = zip(records, T_map_camera, strict=True)
+    return tuple(Keyframe(record.keyframe_id, record.stamp_ns, T) for record, T in pairs)
