@@ -16,6 +16,7 @@ from neuse_bags import topics
 from neuse_bags.mcap_file import BagReader
 from neuse_encoder_node.conversions import stamp_from_msg
 from neuse_mapper_node.conversions import object_map_from_msg
+from neuse_slam_node.conversions import keyframes_from_msg
 from neuse_slam_node.poses import transform_from_msg
 
 PICTURES = (topics.DEPTH, topics.MASK)  # what a mapper would need instead of codes
@@ -28,7 +29,7 @@ def evaluate_robots(recording: Path, bag: Path, folder: Path) -> str:
     """Writes robots.json; returns the summary for people.
 
     Raises:
-        BagError: a bag cannot be read, or the first robot has published no pose.
+        BagError: a bag cannot be read, or the first robot has published no keyframe.
     """
     with BagReader(recording) as told, BagReader(bag) as played:
         report = robots_report(told, played)
@@ -40,18 +41,18 @@ def evaluate_robots(recording: Path, bag: Path, folder: Path) -> str:
 def robots_report(told: BagReader, played: BagReader) -> dict[str, Any]:
     """Objects in the map, and of each robot bytes by topic, frames, and errors in the map of the first."""
     namespaces = topics.namespaces_in(played)
-    paths = {name: _path(told, name + topics.EST_ODOMETRY.name) for name in namespaces}
+    paths = {name: _keyframe_path(told, name) for name in namespaces}
     first = paths[namespaces[0]]
     if first is None:
-        raise BagError(f"{told.path} has no pose of {namespaces[0]}; did it see any object?")
-    truth = {name: _path(played, name + topics.TRUE_ODOMETRY.name) for name in namespaces}
+        raise BagError(f"{told.path} has no keyframe of {namespaces[0]}; did it see any object?")
+    truth = {name: _true_path(played, name) for name in namespaces}
     T_world_map = np.eye(4)
     if (known := truth[namespaces[0]]) is not None:
         T_world_map = trajectory_errors(first, known).T_world_map
     return {
         "objects": _n_objects(told),
         "robots": {
-            name: _bytes(told, played, name) | _standing(paths[name], truth[name], T_world_map)
+            name: _counts(told, played, name) | _errors(paths[name], truth[name], T_world_map)
             for name in namespaces
         },
     }
@@ -80,40 +81,48 @@ def _where(robot: dict[str, Any]) -> str:
     return f"{where}, off by {robot['median_m']:.3f} m and {robot['median_deg']:.2f} degrees (median)"
 
 
-def _bytes(told: BagReader, played: BagReader, namespace: str) -> dict[str, Any]:
-    """Serialized bytes of all messages, by topic."""
-    counts = {
+def _counts(told: BagReader, played: BagReader, namespace: str) -> dict[str, Any]:
+    """Frames in the bag and in the map, and serialized bytes of all messages by topic."""
+    n_bytes = {
         key: {topic.name: _size(bag, namespace + topic.name) for topic in chosen}
         for key, bag, chosen in (("pictures", played, PICTURES), ("up", told, UP), ("down", told, DOWN))
     }
-    depth = played.topics[namespace + topics.DEPTH.name]
-    return {"frames": depth.n_messages, **counts}
+    sent, mapped = (
+        played.topics[namespace + topics.DEPTH.name],
+        told.topics.get(namespace + topics.FRAMES.name),
+    )
+    return {"frames": sent.n_messages, "mapped": mapped.n_messages if mapped else 0, **n_bytes}
 
 
 def _size(bag: BagReader, topic: str) -> int:
     return sum(len(message.data) for message in bag.messages([topic]))
 
 
-def _standing(path: Trajectory | None, truth: Trajectory | None, T_world_map: Array) -> dict[str, Any]:
-    """How far its poses, as published at the time, are from the truth on which the first path is laid."""
-    if path is None or truth is None:
-        return {"mapped": 0 if path is None else len(path), "median_m": None, "median_deg": None}
+def _errors(path: Trajectory | None, truth: Trajectory | None, T_world_map: Array) -> dict[str, Any]:
+    """How far keyframes are from the truth, on which those of the first robot have been laid."""
     errors = []
-    for stamp_ns, T_map_camera in zip(path.stamps_ns.tolist(), path.T_frame_camera, strict=True):
-        T_world_camera = truth.at(stamp_ns)
-        if T_world_camera is not None:
-            off = inverse(T_world_camera) @ T_world_map @ T_map_camera
-            errors.append((float(np.linalg.norm(off[:3, 3])), float(np.rad2deg(rotation_angle(off[:3, :3])))))
+    if path is not None and truth is not None:
+        for stamp_ns, T_map_camera in zip(path.stamps_ns.tolist(), path.T_frame_camera, strict=True):
+            if (T_world_camera := truth.at(stamp_ns)) is not None:
+                off = inverse(T_world_camera) @ T_world_map @ T_map_camera
+                errors.append((np.linalg.norm(off[:3, 3]), np.rad2deg(rotation_angle(off[:3, :3]))))
     median_m, median_deg = np.median(errors, axis=0).tolist() if errors else (None, None)
-    return {"mapped": len(path), "median_m": median_m, "median_deg": median_deg}
+    return {"median_m": median_m, "median_deg": median_deg}
 
 
-def _path(bag: BagReader, topic: str) -> Trajectory | None:
-    """Poses by their stamps; None where there are none."""
-    messages = [message.decode() for message in bag.messages([topic])]
-    poses = {stamp_from_msg(m.header.stamp): transform_from_msg(m.pose.pose) for m in messages}
-    stamps_ns = sorted(poses)
-    return trajectory_of(stamps_ns, [poses[stamp_ns] for stamp_ns in stamps_ns]) if poses else None
+def _keyframe_path(told: BagReader, namespace: str) -> Trajectory | None:
+    """Keyframes as they are estimated last; None without any."""
+    arrays = [message.decode() for message in told.messages([namespace + topics.KEYFRAMES.name])]
+    keyframes = keyframes_from_msg(arrays[-1]) if arrays else ()
+    poses = [keyframe.T_map_camera for keyframe in keyframes]
+    return trajectory_of([keyframe.stamp_ns for keyframe in keyframes], poses) if keyframes else None
+
+
+def _true_path(played: BagReader, namespace: str) -> Trajectory | None:
+    """Where the camera was; None where nobody knows."""
+    messages = [message.decode() for message in played.messages([namespace + topics.TRUE_ODOMETRY.name])]
+    poses = [transform_from_msg(message.pose.pose) for message in messages]
+    return trajectory_of([stamp_from_msg(m.header.stamp) for m in messages], poses) if poses else None
 
 
 def _n_objects(told: BagReader) -> int:
