@@ -14,7 +14,7 @@ OPTIONAL = {"pose_graph_tools_msgs", "rtabmap_msgs"}
 # of wheels, which rosdep does not know; pyproject.toml has them. neuse_bags is run by the launch file of
 # neuse_slam_node, on which it depends itself.
 WHEELS = {"numpy", "trimesh", "mcap", "rosbags", "lz4", "backports", "rerun", "tqdm", "yaml", "cv2"}
-WHEELS |= {"setuptools"}
+WHEELS |= {"setuptools", "torch"}
 
 
 def imported(folder: Path) -> set[str]:
