@@ -59,6 +59,7 @@ from neuse_slam_node.poses import (
 )
 
 Kind = TypeVar("Kind", bound=IntEnum)
+LARGEST_ID = 2**62
 
 
 def odometry_from_msg(message: Odometry, T_child_camera: Array) -> OdometrySample:
@@ -212,10 +213,10 @@ def prior_map_from_msg(message: ObjectMap) -> PriorMap:
     """What a map tells a session that did not make it.
 
     Raises:
-        InputError: `array_length`, `enum_value`.
+        InputError: `array_length`, `enum_value`, `object_id`.
     """
     return PriorMap.told(
-        (item.object_id, _enum(ObjectStatus, item.status), code_from_msg(item.code))
+        (_name(item.object_id), _enum(ObjectStatus, item.status), code_from_msg(item.code))
         for item in message.objects
     )
 
@@ -272,6 +273,13 @@ def check_code(code: Code) -> None:
     """Raises InputError `code` unless this can be the code of an object."""
     if not is_usable(code) or not code.category:
         raise InputError("code", f"code of {code.category!r} is none; send finite numbers, positive sigmas")
+
+
+def _name(object_id: int) -> int:
+    """The id, which must leave room for those that come after it."""
+    if not 0 <= object_id < LARGEST_ID:
+        raise InputError("object_id", f"no object is called {object_id}; count from 0")
+    return object_id
 
 
 def _stack(keyframes: Sequence[Keyframe]) -> Array:

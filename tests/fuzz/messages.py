@@ -22,6 +22,7 @@ from neuse.embedding.observe import Observer, ObserverParams
 from neuse.mapping.mapper import ObjectMapper
 from neuse.records import ChangeKind, Instance, Intrinsics, MatchStatus, RgbdFrame
 from neuse.slam.feedback import ChangeFeedback
+from neuse.slam.joining import Joiner
 from neuse.slam.slam import ObjectSlam
 from neuse_bags import conversions as bag_conversions
 from neuse_bags.definitions import message_class
@@ -137,6 +138,14 @@ def _slam_targets() -> Iterator[Target]:
         for due in feedback.due(2**63):
             stage.apply_change(due)
 
+    def join(stage: ObjectSlam, message: Any) -> None:
+        prior = slam.prior_map_from_msg(message)
+        assert_sound((prior.centers, *prior.codes.values()))
+        assert max(prior.ids, default=-1) < prior.next_id < 2**63
+        Joiner(stage).offer(prior)
+
+    known = mapper.object_map_to_msg(samples.object_map(), "map")
+    yield Target("neuse/prior_map", spoiled_messages(known), tracking(join))
     yield Target("neuse/observations", spoiled_messages(observed), tracking(observe))
     yield Target("odom", spoiled_messages(odometry), tracking(move))
     edges = slam.edges_to_msg([edge, edge], samples.STAMP_NS, "camera")

@@ -287,6 +287,14 @@ def test_prior_map_is_what_the_record_of_the_same_map_gives():
     assert_same(found.codes[4], PriorMap.of(object_map).codes[4])
 
 
+@pytest.mark.parametrize("object_id", [-1, 2**63 - 1])
+def test_prior_map_whose_names_leave_no_room_for_others_is_refused(object_id: int):
+    message = mapper.object_map_to_msg(samples.object_map(), "map")
+    message.objects[0].object_id = object_id
+    with pytest.raises(InputError, match=f"no object is called {object_id}"):
+        slam.prior_map_from_msg(message)
+
+
 @pytest.mark.parametrize("value", [float("nan"), -1.0])
 def test_box_that_is_none_is_refused(value: float):
     message = mapper.object_map_to_msg(samples.object_map(), "map")
