@@ -111,10 +111,10 @@ class ObjectRecord:
         return float(np.linalg.norm(self.points - self.center, axis=1).max())
 
     def similarity(self, other: "ObjectRecord") -> float:
-        """Cosine of the averaged descriptors; -1 across categories."""
-        return (
-            float(self.code.descriptor @ other.code.descriptor) if self.category == other.category else -1.0
-        )
+        """Cosine of the averaged descriptors; -1 across categories, and where another network has made them."""
+        own, others = self.code.descriptor, other.code.descriptor
+        comparable = self.category == other.category and len(own) == len(others)
+        return float(own @ others) if comparable else -1.0
 
     def seen(self, tick: int, stamp_ns: int, tells_shape: bool = True) -> None:
         """The object was matched at its place.

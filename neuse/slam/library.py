@@ -138,15 +138,22 @@ class ObjectLibrary:
 
 
 def similarity(some: Sequence[Shaped], others: Sequence[Shaped]) -> Array:
-    """(n, m) shape similarity: cosine of the descriptors, -1 across categories (NeuSE IV-B)."""
+    """(n, m) shape similarity: cosine of the descriptors, -1 across categories (NeuSE IV-B).
+
+    Descriptors of another length are of another network, whatever its category is called.
+    """
     S = np.full((len(some), len(others)), -1.0)
-    for category in {shaped.category for shaped in some}:
-        rows = [i for i, shaped in enumerate(some) if shaped.category == category]
-        columns = [m for m, shaped in enumerate(others) if shaped.category == category]
-        if columns:
-            descriptors = np.stack([some[i].descriptor for i in rows])
-            S[np.ix_(rows, columns)] = descriptors @ np.stack([others[m].descriptor for m in columns]).T
+    kinds, other_kinds = [_kind(shaped) for shaped in some], [_kind(shaped) for shaped in others]
+    for kind in set(kinds) & set(other_kinds):
+        rows = [i for i, own in enumerate(kinds) if own == kind]
+        columns = [m for m, own in enumerate(other_kinds) if own == kind]
+        descriptors = np.stack([some[i].descriptor for i in rows])
+        S[np.ix_(rows, columns)] = descriptors @ np.stack([others[m].descriptor for m in columns]).T
     return S
+
+
+def _kind(shaped: Shaped) -> tuple[str, int]:
+    return shaped.category, len(shaped.descriptor)
 
 
 def unlikeness(some: Sequence[Code | Track], others: Sequence[Track]) -> Array:

@@ -34,6 +34,14 @@ def test_similarity_is_the_cosine_within_a_category_and_minus_one_across(scene):
     assert similarity(codes, []).shape == (3, 0)
 
 
+def test_descriptors_of_another_network_are_not_alike(scene):
+    codes = view_of(scene.things).codes[:2]
+    shorter = [replace(code, z=code.z[:8], descriptor=code.descriptor[:8]) for code in codes]
+    np.testing.assert_array_equal(similarity(codes, shorter), -1.0)
+    np.testing.assert_array_equal(similarity(codes, [*shorter, *codes])[:, 2:], similarity(codes, codes))
+
+
+
 def test_ids_are_never_reused():
     scene = scene_of([make_thing(0, False, np.array([0, 0, 1.0]), np.random.default_rng(0))])
     library, old = scene.library, scene.tracks[0]
