@@ -111,7 +111,7 @@ class ObjectRecord:
         return float(np.linalg.norm(self.points - self.center, axis=1).max())
 
     def similarity(self, other: "ObjectRecord") -> float:
-        """Cosine of the averaged descriptors; -1 across categories, and where another network has made them."""
+        """Cosine of the averaged descriptors; -1 across categories, and for another network's."""
         own, others = self.code.descriptor, other.code.descriptor
         comparable = self.category == other.category and len(own) == len(others)
         return float(own @ others) if comparable else -1.0

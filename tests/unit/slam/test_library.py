@@ -41,7 +41,6 @@ def test_descriptors_of_another_network_are_not_alike(scene):
     np.testing.assert_array_equal(similarity(codes, [*shorter, *codes])[:, 2:], similarity(codes, codes))
 
 
-
 def test_ids_are_never_reused():
     scene = scene_of([make_thing(0, False, np.array([0, 0, 1.0]), np.random.default_rng(0))])
     library, old = scene.library, scene.tracks[0]
