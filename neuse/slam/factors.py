@@ -18,6 +18,7 @@ POSE, POINT, LOOSE_POINT, VELOCITY, BIAS = "x", "p", "q", "v", "b"  # letters of
 ORIGIN_SIGMA = 1e-4  # rad, m: the first camera pose is the map's origin
 UNKNOWN_TURN = 10.0  # rad/sqrt(s): a smooth motion says nothing of rotations
 BIAS_SIGMA = 0.01  # m/s^2: of biases that gtsam asks for and nobody has
+INTEGRATION_SIGMA = 0.001  # m/sqrt(s): so that the covariance of a smooth motion is regular
 
 
 def pose_key(keyframe_id: int) -> int:
@@ -72,16 +73,15 @@ def bias_factor(keyframe_id: int) -> gtsam.PriorFactorConstantBias:
 
 
 def smooth_motion_factor(before: int, after: int, duration_s: float, acceleration: float) -> gtsam.ImuFactor:
-    """Constant velocity up to white noise of the acceleration (m/s^2/sqrt(Hz)).
+    """Constant velocity up to white noise of the acceleration (m/s^2/sqrt(Hz)), which is constant over a step.
 
-    That is what an IMU tells without gravity whose accelerometer reads nothing and whose gyroscope is poor.
-    gtsam holds the noise constant over the step; what it lacks of the variance of the position, t^3 / 12 of
-    t^3 / 3 (Barfoot, State Estimation for Robotics, 2017, 4.3.1), is the noise of the integration.
+    Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, 6.3.2. That is
+    what an IMU tells without gravity whose accelerometer reads nothing and whose gyroscope is poor.
     """
     params = gtsam.PreintegrationParams(np.zeros(3))
     params.setAccelerometerCovariance(acceleration**2 * np.eye(3))
     params.setGyroscopeCovariance(UNKNOWN_TURN**2 * np.eye(3))
-    params.setIntegrationCovariance((acceleration * duration_s) ** 2 / 12.0 * np.eye(3))
+    params.setIntegrationCovariance(INTEGRATION_SIGMA**2 * np.eye(3))
     nothing = gtsam.PreintegratedImuMeasurements(params, gtsam.imuBias.ConstantBias())
     nothing.integrateMeasurement(np.zeros(3), np.zeros(3), duration_s)
     ends = pose_key(before), velocity_key(before), pose_key(after), velocity_key(after)

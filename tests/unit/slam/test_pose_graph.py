@@ -244,10 +244,10 @@ def test_sigmas_too_far_apart_for_the_fast_factorisation_are_solved_by_the_safe_
     np.testing.assert_allclose(graph.poses(), poses, atol=1e-3)
 
 
-def test_smooth_motion_is_white_noise_of_the_acceleration():
+def test_smooth_motion_is_white_noise_of_an_acceleration_that_is_constant_over_a_step():
     duration_s, acceleration = 0.5, 0.3
-    cross, var_p, var_v = duration_s**2 / 2, duration_s**3 / 3, duration_s
-    Q = acceleration**2 * np.kron([[var_p, cross], [cross, var_v]], np.eye(3))  # Barfoot, 4.3.1
+    gain = np.array([duration_s**2 / 2, duration_s]) * acceleration / np.sqrt(duration_s)
+    Q = np.kron(np.outer(gain, gain) + np.diag([1e-6 * duration_s, 0.0]), np.eye(3))
     factor = smooth_motion_factor(0, 1, duration_s, acceleration)
     values, error = gtsam.Values(), np.array([0.02, -0.03, 0.05, 0.1, 0.04, -0.2])
     velocity = np.array([0.2, 0.1, -0.1])
