@@ -73,7 +73,7 @@ def bias_factor(keyframe_id: int) -> gtsam.PriorFactorConstantBias:
 
 
 def smooth_motion_factor(before: int, after: int, duration_s: float, acceleration: float) -> gtsam.ImuFactor:
-    """Constant velocity up to white noise of the acceleration (m/s^2/sqrt(Hz)), which is constant over a step.
+    """Constant velocity up to white noise of the acceleration (m/s^2/sqrt(Hz)), constant over a step.
 
     Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, 6.3.2. That is
     what an IMU tells without gravity whose accelerometer reads nothing and whose gyroscope is poor.
