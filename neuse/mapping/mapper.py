@@ -169,10 +169,11 @@ class ObjectMapper:
     def recall(self, object_map: ObjectMap) -> int:
         """Take over what an earlier mapper of this session knew; how many objects that are new here.
 
-        Of objects that are known here again their history is taken over. A map later than the latest frame is
-        of another session.
+        Of objects that are known here again their history is taken over, and their places if they have not
+        been seen since this mapper was loaded. A map later than the latest frame is of another session,
+        unless this mapper was loaded with what that one knew once.
         """
-        if object_map.stamp_ns > self._stamp_ns:
+        if object_map.stamp_ns > self._stamp_ns and not self._library.is_earlier_than(object_map):
             return 0
         recalled = [self._library.recall(known, self._memory.poses) for known in object_map.objects]
         self._newcomers -= {self._library.resolve(known.object_id) for known in object_map.objects}

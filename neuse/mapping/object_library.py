@@ -10,7 +10,15 @@ from neuse.embedding.code import Code
 from neuse.geometry import Array, inverse, transform_points
 from neuse.mapping.keyframe_memory import most_redundant
 from neuse.params import CheckedParams, param
-from neuse.records import NO_ID, MapObject, MatchStatus, ObjectStatus, TrackedFrame, TrackedObservation
+from neuse.records import (
+    NO_ID,
+    MapObject,
+    MatchStatus,
+    ObjectMap,
+    ObjectStatus,
+    TrackedFrame,
+    TrackedObservation,
+)
 from neuse.slam.track import shape_noise
 
 _FLIP_SCALE_M = 0.02  # views whose landmarks lie this far from the average count half
@@ -233,20 +241,30 @@ class ObjectLibrary:
         return self.records.get(self.resolve(object_id))
 
     def recall(self, known: MapObject, poses: Mapping[int, Array]) -> bool:
-        """Take over what an earlier map knew of an object; whether it is new here.
+        """Take over what a map knew of an object; whether it is new here.
 
-        Of an object that is known here again its history is taken over.
+        Of an object that has been seen here since its history is taken over.
         """
         record = self.find(known.object_id)
         if record is None:
             self.records[known.object_id] = recalled(known, poses)
             return True
+        if record.last_tick <= 0:  # all that is known here is of an earlier run
+            self.records[record.object_id] = replace(recalled(known, poses), object_id=record.object_id)
+            return False
         record.first_seen_ns = min(known.first_seen_ns, record.first_seen_ns)
         record.n_observations += known.n_observations
         record.since_tick = 0
         if record.is_present and known.status != ObjectStatus.REMOVED:
             record.status = known.status
         return False
+
+    def is_earlier_than(self, object_map: ObjectMap) -> bool:
+        """Whether these are objects of that map, as they were at some time before."""
+        first_seen_ns = {known.object_id: known.first_seen_ns for known in object_map.objects}
+        return bool(self.records) and all(
+            first_seen_ns.get(record.object_id) == record.first_seen_ns for record in self
+        )
 
     def merge(self, duplicate_id: int, into_id: int) -> None:
         """Two ids mean one object: the first becomes an alias of the second and leaves the map."""

@@ -60,7 +60,7 @@ class MapperNode(StageNode):
         self._readers = [KeyframeReader() for _ in self._namespaces]
         self._orders = [StampOrder(params.restart_s) for _ in self._namespaces]
         self._told: tuple[tuple[int, int], ...] = ()
-        self._is_original = not params.load_path  # nobody has told this map to be another
+        self._is_original = True  # nobody has told this map to be another
         self._stamp_ns = self._next_map_ns = self._next_drawing_ns = 0
         self._decoding = Decoding(self._mapper, params.decode_share)
         self._connect(params.topic_depth)
@@ -133,7 +133,6 @@ class MapperNode(StageNode):
         """Go on with a saved map; sessions have to find their place in it."""
         self._mapper.load(path)
         self._read_all()
-        self._is_original = False
         self._sessions.distrust()
 
     def _show(self) -> None:
@@ -256,6 +255,7 @@ class MapperNode(StageNode):
     def _load_map(self, request: LoadMap.Request, response: LoadMap.Response) -> LoadMap.Response:
         def load() -> str:
             self._load(request.path)
+            self._is_original = False
             self._show()
             return f"{len(self._mapper.places())} objects loaded from {request.path}"
 

@@ -1,4 +1,5 @@
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -136,6 +137,42 @@ def test_mapper_that_starts_anew_goes_on_with_what_the_one_before_knew():
     world.tour(orbit(count=16))
     assert world.finish() == changes
     assert_map_is_true(world)
+
+
+def test_mapper_loaded_with_an_earlier_map_goes_on_with_what_the_one_before_knew(tmp_path):
+    params = MapperParams(changes=ChangeParams(removal_s=0.0))
+    world = make_world(mapper=ObjectMapper(RECONSTRUCT, params))
+    world.tour(orbit(count=12))
+    world.mapper.save(tmp_path / "room.map")
+    world.remove("a")
+    world.tour(orbit(count=16))
+    before = world.mapper.object_map
+    world.mapper = ObjectMapper(RECONSTRUCT, params)
+    world.mapper.load(tmp_path / "room.map")
+    stale = {known.object_id: known.status for known in world.mapper.object_map.objects}
+    assert world.mapper.recall(before) == len(before.objects) - len(stale)
+    after = {known.object_id: known for known in world.mapper.object_map.objects}
+    assert ObjectStatus.REMOVED in {known.status for known in before.objects} - set(stale.values())
+    for known in before.objects:
+        found = after[known.object_id]
+        assert (found.status, found.n_observations) == (known.status, known.n_observations)
+        np.testing.assert_allclose(found.box_center, known.box_center, atol=0.02)
+    world.tour(orbit(count=16))
+    world.finish()
+    assert_map_is_true(world)
+
+
+def test_loaded_mapper_recalls_no_later_map_of_others(tmp_path):
+    world, other = make_world(), make_world()
+    world.tour(orbit(count=4))
+    world.mapper.save(tmp_path / "room.map")
+    other.tour(orbit(count=12))
+    strangers = [
+        replace(known, first_seen_ns=known.first_seen_ns + 1) for known in other.mapper.object_map.objects
+    ]
+    mapper = ObjectMapper(RECONSTRUCT)
+    mapper.load(tmp_path / "room.map")
+    assert mapper.recall(replace(other.mapper.object_map, objects=tuple(strangers))) == 0
 
 
 def test_map_that_is_later_than_this_session_is_not_recalled():

@@ -38,3 +38,16 @@ def test_new_run_remembers_nothing():
     memory.hear(message(7))
     memory.forget()
     assert memory.hear(message(9)) is None
+
+
+def test_map_that_has_seen_an_object_less_often_is_a_saved_one_and_gets_back_the_one_before():
+    def seen(count):
+        made = message(7, 9)
+        made.objects[1].n_observations = count
+        return made
+
+    memory, whole = MapMemory(), seen(12)
+    assert memory.hear(seen(5)) is None
+    assert memory.hear(whole) is None
+    assert memory.hear(seen(5)) is whole
+    assert memory.hear(whole) is None
