@@ -142,3 +142,15 @@ def assert_changes(graph: Graph, saved: Saved, found: ObjectMap) -> None:
     statuses = {known.object_id: known.status for known in found.objects}
     assert statuses[moved] == ObjectStatus.MOVED
     assert statuses[gone] == ObjectStatus.REMOVED
+
+
+def test_mapper_that_is_killed_and_begins_with_the_saved_map_gets_back_what_has_changed_since(
+    graph: Graph, saved: Saved, start_node: StartNode
+):
+    graph.mapper.process.kill()
+    start_with(graph, start_node, saved.path)
+    steps = steps_of(replace(after(), path=small_world(3).path[40:170]), run=1)[100:]
+    graph.send(messages_of(steps))
+    found = graph.map_at(steps[-1].frame.stamp_ns)
+    assert {known.object_id for known in found.objects} == saved.ids
+    assert_map_is_true(found, after().things, saved.T_world_map)
