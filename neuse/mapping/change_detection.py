@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuse.mapping.object_library import ObjectLibrary, ObjectRecord
+from neuse.mapping.object_library import ObjectLibrary
+from neuse.mapping.object_record import ObjectRecord
 from neuse.params import CheckedParams, param
 from neuse.records import ChangeKind, ObjectChange
 

@@ -9,7 +9,8 @@ from neuse.geometry import Array, inverse, transform_points
 from neuse.mapping.free_space import FreeSpaceParams, Sight, look
 from neuse.mapping.keyframe_memory import KeyframeMemory, SeenKeyframe
 from neuse.mapping.object_graph import Anchor, LayoutParams, align_graphs, is_unchanged
-from neuse.mapping.object_library import ObjectLibrary, ObjectRecord
+from neuse.mapping.object_library import ObjectLibrary
+from neuse.mapping.object_record import ObjectRecord
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from neuse.embedding.code import Code
 from neuse.geometry import Array
-from neuse.mapping.object_library import View
+from neuse.mapping.views import View
 from neuse.records import ChangeKind, Intrinsics, ObjectChange, ObjectStatus
 from neuse.slam.object_frames import is_usable
 

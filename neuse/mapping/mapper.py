@@ -14,19 +14,14 @@ from neuse.mapping.keyframe_memory import KeyframeMemory, SeenKeyframe
 from neuse.mapping.map_file import load_map, save_map
 from neuse.mapping.newcomers import Judge, NewcomerParams, Origin
 from neuse.mapping.object_graph import LayoutParams
-from neuse.mapping.object_library import (
-    LibraryParams,
-    ObjectLibrary,
-    ObjectRecord,
-    associated,
-    make_view,
-    tells_shape,
-)
+from neuse.mapping.object_library import LibraryParams, ObjectLibrary, associated
+from neuse.mapping.object_record import ObjectRecord
 from neuse.mapping.presence import Presence
 from neuse.mapping.reconstruction import MeshCache, Reconstruct
 from neuse.mapping.shapes import Shapes
 from neuse.mapping.snapshot import restore, snapshot
 from neuse.mapping.upkeep import UpkeepParams
+from neuse.mapping.views import make_view, tells_shape
 from neuse.params import CheckedParams, param
 from neuse.records import (
     NO_ID,

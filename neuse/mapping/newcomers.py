@@ -10,7 +10,8 @@ from scipy.spatial.distance import cdist
 from neuse.mapping.evidence import AnchoredView, Evidence
 from neuse.mapping.free_space import Sight, free_share
 from neuse.mapping.keyframe_memory import SeenKeyframe
-from neuse.mapping.object_library import ObjectLibrary, ObjectRecord
+from neuse.mapping.object_library import ObjectLibrary
+from neuse.mapping.object_record import ObjectRecord
 from neuse.mapping.reconstruction import Box, MeshCache
 from neuse.mapping.upkeep import UpkeepParams, is_displaced, is_residual
 from neuse.params import CheckedParams, param

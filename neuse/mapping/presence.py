@@ -7,7 +7,8 @@ import numpy as np
 from neuse.geometry import inverse, transform_points
 from neuse.mapping.evidence import Evidence
 from neuse.mapping.keyframe_memory import KeyframeMemory, SeenKeyframe, visible
-from neuse.mapping.object_library import ObjectLibrary, ObjectRecord
+from neuse.mapping.object_library import ObjectLibrary
+from neuse.mapping.object_record import ObjectRecord
 
 
 class Presence:

@@ -3,7 +3,8 @@
 import trimesh
 
 from neuse.errors import InputError
-from neuse.mapping.object_library import ObjectLibrary, ObjectRecord
+from neuse.mapping.object_library import ObjectLibrary
+from neuse.mapping.object_record import ObjectRecord
 from neuse.mapping.reconstruction import MeshCache
 from neuse.records import MapObject, ObjectMap
 

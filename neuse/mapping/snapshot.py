@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 from neuse.mapping.keyframe_memory import KeyframeMemory, SeenKeyframe
 from neuse.mapping.map_layout import StoredKeyframe, StoredMap, StoredObject
-from neuse.mapping.object_library import ObjectLibrary, ObjectRecord
+from neuse.mapping.object_library import ObjectLibrary
+from neuse.mapping.object_record import ObjectRecord
 from neuse.records import NO_ID, ObjectChange, ObjectStatus
 
 

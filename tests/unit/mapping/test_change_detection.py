@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 
 from neuse.mapping.change_detection import ChangeDetector, ChangeParams, Move, settled_changes
-from neuse.mapping.object_library import ObjectLibrary, ObjectRecord, View
+from neuse.mapping.object_library import ObjectLibrary
+from neuse.mapping.object_record import ObjectRecord
+from neuse.mapping.views import View
 from neuse.records import NO_ID, ChangeKind, ObjectChange, ObjectStatus
 
 from .synthetic import make_code, standing

@@ -7,7 +7,9 @@ from neuse.mapping.evidence import Evidence
 from neuse.mapping.free_space import FreeSpaceParams
 from neuse.mapping.keyframe_memory import KeyframeMemory
 from neuse.mapping.object_graph import LayoutParams
-from neuse.mapping.object_library import ObjectLibrary, ObjectRecord, View
+from neuse.mapping.object_library import ObjectLibrary
+from neuse.mapping.object_record import ObjectRecord
+from neuse.mapping.views import View
 from neuse.records import ObjectStatus, TrackedFrame
 
 from .synthetic import CAMERA, COARSE, make_code, standing

@@ -11,7 +11,7 @@ from neuse.errors import MapFileError
 from neuse.geometry import make_transform
 from neuse.mapping.map_file import load_map, save_map
 from neuse.mapping.map_layout import StoredKeyframe, StoredMap, StoredObject
-from neuse.mapping.object_library import View
+from neuse.mapping.views import View
 from neuse.records import ChangeKind, ObjectChange
 
 from .synthetic import CAMERA

@@ -5,15 +5,9 @@ import pytest
 
 from neuse import geometry
 from neuse.geometry import inverse, make_transform
-from neuse.mapping.object_library import (
-    ObjectLibrary,
-    ObjectRecord,
-    View,
-    associated,
-    average_codes,
-    make_view,
-    tells_shape,
-)
+from neuse.mapping.object_library import ObjectLibrary, associated
+from neuse.mapping.object_record import ObjectRecord
+from neuse.mapping.views import View, average_codes, make_view, tells_shape
 from neuse.records import (
     NO_ID,
     MatchStatus,

@@ -8,8 +8,10 @@ from neuse.mapping.change_detection import ChangeParams
 from neuse.mapping.free_space import FreeSpaceParams, Sight
 from neuse.mapping.keyframe_memory import KeyframeMemory
 from neuse.mapping.mapper import MapperParams, ObjectMapper
-from neuse.mapping.object_library import ObjectLibrary, ObjectRecord, View
+from neuse.mapping.object_library import ObjectLibrary
+from neuse.mapping.object_record import ObjectRecord
 from neuse.mapping.presence import Presence
+from neuse.mapping.views import View
 from neuse.records import ChangeKind, ObjectStatus, TrackedFrame
 
 from .synthetic import (
