@@ -32,7 +32,7 @@ NODES = {
     "mapper_node": "neuse_mapper_node",
 }
 PATIENCE: dict[str, object] = {"queue_size": 1000, "finish_s": 600.0}  # a bag's frames shall all be used
-ENCODER_PATIENCE = PATIENCE | {"input_depth": 100, "input_reliable": True}
+ENCODER_PATIENCE = PATIENCE | {"input_depth": 100, "input_reliable": True, "hurried_share": 1.0}
 OF_EACH_ROBOT = (*topics.FRAME_TOPICS, topics.ODOMETRY, topics.OBSERVATIONS, topics.FRAMES, topics.EDGES)
 START_S, END_S = 180.0, 660.0
 

@@ -69,12 +69,14 @@ class Embedding:
         """Whether a turn about the axis cannot be seen."""
         return self.network.ambiguous
 
-    def encode(self, clouds: Sequence[ArrayLike]) -> list[Code]:
+    def encode(self, clouds: Sequence[ArrayLike], share: float = 1.0) -> list[Code]:
         """Codes of partial clouds, all in one forward pass (eq. 4); equivariant to rotations and
         translations.
 
         Args:
             clouds: (n_i, 3) points, metres, any common frame; background points should have been dropped.
+            share: of the points that carry features, in (0, 1]; half of them take about half the time, and
+                poses err by a tenth more.
         Returns:
             One code a cloud, in the frame of the clouds.
         Raises:
@@ -85,8 +87,9 @@ class Embedding:
         arrays = [_checked(cloud, index) for index, cloud in enumerate(clouds)]
         centers = np.stack([array.mean(axis=0) for array in arrays])
         batch = np.stack([self._sample(array - c) for array, c in zip(arrays, centers, strict=True)])
+        n_anchors = max(1, round(share * self.network.config.n_anchors))
         with torch.inference_mode():
-            encoding = self.network.encode(torch.from_numpy(batch).to(self.network.device))
+            encoding = self.network.encode(torch.from_numpy(batch).to(self.network.device), n_anchors)
         return self._codes(encoding, centers)
 
     def reconstruct(self, code: Code, resolution_m: float = 0.0025) -> trimesh.Trimesh:
@@ -136,9 +139,9 @@ class LightEmbedding(Embedding):
         super().__init__(pose)
         self.shape = Embedding(shape)
 
-    def encode(self, clouds: Sequence[ArrayLike]) -> list[Code]:
+    def encode(self, clouds: Sequence[ArrayLike], share: float = 1.0) -> list[Code]:
         """As `Embedding.encode`, with the descriptors of the other network."""
-        pairs = zip(super().encode(clouds), self.shape.encode(clouds), strict=True)
+        pairs = zip(super().encode(clouds, share), self.shape.encode(clouds, share), strict=True)
         return [replace(code, descriptor=other.descriptor) for code, other in pairs]
 
 

@@ -41,9 +41,11 @@ class Observer:
             embeddings = {category: load_embedding(category) for category in shipped_categories()}
         self.embeddings = dict(embeddings)
 
-    def observe(self, frame: RgbdFrame) -> ObservedFrame:
+    def observe(self, frame: RgbdFrame, share: float = 1.0) -> ObservedFrame:
         """Encode every usable instance.
 
+        Args:
+            share: see `Embedding.encode`; less than 1 where time is short.
         Returns:
             The observations in the order of the instances; instances and labels that cannot be used are in
             `rejections`.
@@ -59,7 +61,7 @@ class Observer:
             Rejection("label_without_instance", f"mask label {label} has no entry in the instances")
             for label in pixels
         ]
-        codes = self._encode([(s.instance.category, s.points) for s in seen])
+        codes = self._encode([(s.instance.category, s.points) for s in seen], share)
         observations = [self._observation(frame, s, code) for s, code in zip(seen, codes, strict=True)]
         rejections += [_unsound(o) for o in observations if not _is_sound(o)]
         return ObservedFrame(
@@ -92,11 +94,11 @@ class Observer:
             return Rejection("too_few_points", detail)
         return _Seen(instance, points, pixels)
 
-    def _encode(self, clouds: list[tuple[str, np.ndarray]]) -> list[Code]:
+    def _encode(self, clouds: list[tuple[str, np.ndarray]], share: float) -> list[Code]:
         codes: dict[int, Code] = {}
         for category, embedding in self.embeddings.items():
             own = [i for i, (of, _) in enumerate(clouds) if of == category]
-            codes |= zip(own, embedding.encode([clouds[i][1] for i in own]), strict=True)
+            codes |= zip(own, embedding.encode([clouds[i][1] for i in own], share), strict=True)
         return [codes[i] for i in range(len(clouds))]
 
     def _observation(self, frame: RgbdFrame, seen: "_Seen", code: Code) -> Observation:

@@ -13,6 +13,11 @@ from rclpy.signals import SignalHandlerOptions
 
 from neuse_encoder_node.stage_node import StageNode
 
+try:  # takes a third of the time for a message; the first releases of Jazzy do not have it
+    from rclpy.experimental import EventsExecutor as Executor
+except ImportError:
+    Executor = SingleThreadedExecutor
+
 GRACE_S = 0.5
 
 
@@ -51,7 +56,7 @@ def _spin(node: StageNode, stop: threading.Event) -> None:
 
     rclpy's own handling of signals would close the context before the last messages are out.
     """
-    executor = SingleThreadedExecutor()
+    executor = Executor()
     executor.add_node(node)
     while not stop.is_set():
         executor.spin_once(timeout_sec=0.1)

@@ -133,7 +133,12 @@ class StageNode(LifecycleNode):
     @property
     def is_behind(self) -> bool:
         """Whether items wait for the worker: no time for what is only to be looked at."""
-        return self._worker is not None and self._worker.waiting > 0
+        return self.backlog > 0
+
+    @property
+    def backlog(self) -> int:
+        """How many items wait for the worker."""
+        return 0 if self._worker is None else self._worker.waiting
 
     def refuse(self, reason: str, detail: str, amount: int = 1) -> None:
         """Count a fault of the input, and log it unless this reason was logged just now."""

@@ -275,6 +275,13 @@ def test_stamps_that_go_back_start_a_new_run(camera: Camera, encoder):
     assert_good(camera.observe(frame_messages(later_ns), later_ns))
 
 
+def test_frames_that_wait_are_looked_at_less_closely_and_that_is_told(camera: Camera):
+    for frame in [frame_messages(camera.next_stamp_ns()) for _ in range(40)]:
+        camera.send(frame)
+    camera.peer.wait_for_count("hurried_frames")
+    assert_good(camera.observe_good())
+
+
 def test_diagnostics_give_rate_and_times(camera: Camera):
     camera.peer.wait_for_count("frames")
     assert float(camera.peer.diagnostics["stage_ms/encode"]) > 0

@@ -52,6 +52,16 @@ def test_codes_do_not_depend_on_what_else_is_in_the_batch(embedding):
         np.testing.assert_allclose(together.descriptor, alone.descriptor, atol=1e-5)
 
 
+def test_share_of_the_points_gives_nearly_the_same_code():
+    embedding, rng = load_embedding("mug"), np.random.default_rng(4)
+    clouds = [partial_cloud(rng, 500) for _ in range(4)]
+    whole, half = embedding.encode(clouds), embedding.encode(clouds, share=0.5)
+    moved = embedding.encode([cloud + 3.0 for cloud in clouds], share=0.5)
+    for a, b, c in zip(whole, half, moved, strict=True):
+        assert 1e-4 < np.linalg.norm(a.z - b.z) / spread(a.z) < 0.4  # of shapes that it was not made for
+        np.testing.assert_allclose(c.z - 3.0, b.z, atol=1e-6)
+
+
 def test_encoding_twice_gives_the_same_bits(embedding):
     cloud = partial_cloud(np.random.default_rng(3), 500)
     (a,), (b,) = embedding.encode([cloud]), embedding.encode([cloud])

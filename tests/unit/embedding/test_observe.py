@@ -17,12 +17,13 @@ WALL_M = 2.0
 
 
 class FakeEmbedding:
-    """Codes whose centre is the mean of the points plus `offset`; remembers the clouds."""
+    """Codes whose centre is the mean of the points plus `offset`; remembers the clouds and shares."""
 
     def __init__(self, category, offset=0.0):
-        self.category, self.offset, self.clouds = category, offset, []
+        self.category, self.offset, self.clouds, self.shares = category, offset, [], []
 
-    def encode(self, clouds):
+    def encode(self, clouds, share=1.0):
+        self.shares.append(share)
         self.clouds += clouds
         return [self._code(cloud) for cloud in clouds]
 
@@ -87,7 +88,7 @@ def test_all_objects_of_a_category_are_encoded_in_one_batch(frame, fakes, monkey
     for fake in fakes.values():
         encode = fake.encode
         monkeypatch.setattr(
-            fake, "encode", lambda clouds, encode=encode: calls.append(len(clouds)) or encode(clouds)
+            fake, "encode", lambda clouds, _, encode=encode: calls.append(len(clouds)) or encode(clouds)
         )
     Observer(embeddings=fakes).observe(frame)
     assert sorted(calls) == [1, 2]
@@ -111,6 +112,12 @@ def test_observation_describes_what_was_encoded(observer, frame, fakes):
     nearest = np.linalg.norm(observation.cloud[:, None] - cloud[None], axis=-1).min(axis=1)
     assert nearest.max() < 1e-6
     assert not observation.touches_border
+
+
+def test_share_that_is_looked_at_reaches_all_embeddings(observer, frame, fakes):
+    observer.observe(frame, share=0.5)
+    observer.observe(frame)
+    assert [fake.shares for fake in fakes.values()] == [[0.5, 1.0]] * 2
 
 
 def test_cloud_that_goes_along_is_limited(frame, fakes):
