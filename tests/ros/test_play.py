@@ -129,9 +129,7 @@ def test_player_ends_well_and_sums_up(heard: Heard) -> None:
 
 
 def test_player_says_when_it_cannot_keep_the_pace(tmp_path: Path, start_bags) -> None:
-    unheard = replace(
-        topics.ODOMETRY, name="/unheard/odom"
-    )  # who was killed lately may count elsewhere
+    unheard = replace(topics.ODOMETRY, name="/unheard/odom")  # who was killed lately may count elsewhere
     with BagWriter(tmp_path / "fast.mcap") as writer:
         topics.declare(writer, (unheard,))
         for index in range(50_000):  # in 50 µs: no machine is that fast
