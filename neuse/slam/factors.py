@@ -89,13 +89,16 @@ def smooth_motion_factor(before: int, after: int, duration_s: float, acceleratio
 
 
 def sighting_factor(
-    pose_key: int, point_key: int, p_camera: Array, covariance: Array, cauchy_sigmas: float
+    camera: int, point: int, p_camera: Array, covariance: Array, cauchy_sigmas: float
 ) -> gtsam.BearingRangeFactor3D:
-    """A point seen at p_camera, as bearing and range with the covariance (3, 3) to first order."""
+    """A point seen at p_camera, as bearing and range with the covariance (3, 3) to first order.
+
+    camera, point: gtsam's keys of their vertices.
+    """
     bearing, range_m = gtsam.Unit3(p_camera), float(np.linalg.norm(p_camera))
     J = np.vstack([bearing.basis().T / range_m, bearing.point3()])  # d (bearing, range) / d p_camera
     noise = gtsam.noiseModel.Gaussian.Covariance(J @ covariance @ J.T)
-    return gtsam.BearingRangeFactor3D(pose_key, point_key, bearing, range_m, _robust(noise, cauchy_sigmas))
+    return gtsam.BearingRangeFactor3D(camera, point, bearing, range_m, _robust(noise, cauchy_sigmas))
 
 
 def _robust(noise: gtsam.noiseModel.Base, cauchy_sigmas: float) -> gtsam.noiseModel.Robust:

@@ -13,7 +13,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from neuse_encoder_node.stage_node import StageNode
 
-try:  # takes a third of the time for a message; the first releases of Jazzy do not have it
+try:  # spends less on each message; the first releases of Jazzy do not have it
     from rclpy.experimental import EventsExecutor as Executor
 except ImportError:
     Executor = SingleThreadedExecutor

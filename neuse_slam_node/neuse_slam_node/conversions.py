@@ -101,16 +101,6 @@ def edges_from_msgs(messages: Sequence[PoseGraphEdge]) -> list[Edge]:
     return [_edge_from_msg(*each) for each in zip(messages, T_from_to, covariances, strict=True)]
 
 
-def edge_to_msg(edge: Edge) -> PoseGraphEdge:
-    """A relative pose between two keyframes."""
-    return edges_to_msgs([edge])[0]
-
-
-def edge_from_msg(message: PoseGraphEdge) -> Edge:
-    """A relative pose between two keyframes; raises like `edges_from_msgs`."""
-    return edges_from_msgs([message])[0]
-
-
 def edges_to_msg(edges: Sequence[Edge], stamp_ns: int, camera_frame: str) -> PoseGraphEdgeArray:
     """The edges that one frame added."""
     return PoseGraphEdgeArray(header=header_to_msg(stamp_ns, camera_frame), edges=edges_to_msgs(edges))

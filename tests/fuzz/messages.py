@@ -128,7 +128,7 @@ def _slam_targets() -> Iterator[Target]:
 
     def constrain(stage: ObjectSlam, message: Any) -> None:
         stage.step(steps[2].frame, steps[2].odometry)
-        stage.add_external_edges([slam.edge_from_msg(item) for item in message.edges])
+        stage.add_external_edges(slam.edges_from_msgs(message.edges))
 
     def change(stage: ObjectSlam, message: Any) -> None:
         feedback = ChangeFeedback()

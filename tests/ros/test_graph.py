@@ -9,7 +9,7 @@ from neuse.records import Edge, TrackedFrame
 from neuse_bags import simulate, topics
 from neuse_bags.demo import record_graph
 from neuse_bags.mcap_file import BagReader
-from neuse_slam_node.conversions import edge_from_msg, tracked_frame_from_msg
+from neuse_slam_node.conversions import edges_from_msgs, tracked_frame_from_msg
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -45,7 +45,7 @@ def pipeline(bag_path: Path, start_bags) -> Path:
 def read_edges(path: Path) -> list[Edge]:
     with BagReader(path) as bag:
         messages = [message.decode() for message in bag.messages([topics.EDGES.name])]
-    return [edge_from_msg(item) for message in messages for item in message.edges]
+    return [edge for message in messages for edge in edges_from_msgs(message.edges)]
 
 
 def read_frames(path: Path) -> list[TrackedFrame]:

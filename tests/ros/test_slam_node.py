@@ -116,7 +116,7 @@ def test_node_gives_the_edges_of_the_stage_without_ros(tracker: Tracker, tracked
     assert len(wanted) > N_STEPS / 4
     messages = tracker.peer.heard["neuse/edges"]
     tracker.peer.wait_for(lambda: sum(len(m.edges) for m in messages) >= len(wanted), f"{len(wanted)} edges")
-    published = [conversions.edge_from_msg(item) for message in messages for item in message.edges]
+    published = [edge for message in messages for edge in conversions.edges_from_msgs(message.edges)]
     assert len(published) == len(wanted)
     assert all(same_edge(one, other) for one, other in zip(published, wanted, strict=True))
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from neuse import geometry
-from neuse.geometry import inverse, make_transform
+from neuse.geometry import make_transform
 from neuse.mapping.object_library import ObjectLibrary, associated
 from neuse.mapping.object_record import ObjectRecord
 from neuse.mapping.views import View
@@ -17,20 +17,8 @@ from neuse.records import (
     TrackedObservation,
 )
 
-from .synthetic import CAMERA, COARSE, make_code, standing
-
-MUG = standing("mug", 0.2, 0.1, category="mug")
-RNG = np.random.default_rng(0)
-
-
-def poses(count, seed=0):
-    rng = np.random.default_rng(seed)
-    return np.stack([geometry.exp(rng.normal(size=6)) for _ in range(count)])
-
-
-def views_from(T_world_cameras, noise_m=0.0):
-    rng = np.random.default_rng(1)
-    return [make_code(MUG, inverse(T) @ MUG.T_world_object, rng, noise_m) for T in T_world_cameras]
+from .synthetic import CAMERA, COARSE, make_code
+from .test_views import MUG, poses, views_from
 
 
 def record(object_id, T_map_keyframes, since_tick=0, last_tick=0):
@@ -114,7 +102,7 @@ def test_unknown_ids_are_associated_and_observations_without_object_are_not():
 
 
 def tracked(object_id, center, status=MatchStatus.MATCHED):
-    code = make_code(MUG, make_transform(np.eye(3), center), RNG, 0.0)
+    code = make_code(MUG, make_transform(np.eye(3), center), np.random.default_rng(0), 0.0)
     return TrackedObservation(Observation(0, 1.0, code, np.ones((5, 3)), center, 5000), status, object_id)
 
 

@@ -72,7 +72,7 @@ def test_tracked_frame_round_trip():
 def test_edges_round_trip():
     edge = samples.edge()
     message = sent(slam.edges_to_msg([edge], samples.STAMP_NS, "camera"))
-    assert_same(slam.edge_from_msg(message.edges[0]), edge)
+    assert_same(slam.edges_from_msgs(message.edges)[0], edge)
 
 
 def test_keyframes_round_trip():
@@ -168,7 +168,7 @@ def test_pose_that_is_none_is_refused(quaternion: Quaternion):
 
 def test_unknown_kinds_are_refused():
     with pytest.raises(InputError, match="EdgeKind has no value 9"):
-        slam.edge_from_msg(PoseGraphEdge(kind=9))
+        slam.edges_from_msgs([PoseGraphEdge(kind=9)])
     change = slam.change_to_msg(samples.change(ChangeKind.MOVED), "map")
     change.kind = 77
     with pytest.raises(InputError, match="ChangeKind has no value 77"):
