@@ -124,3 +124,9 @@ def test_pages_hold_every_cell(tmp_path):
     page = (tmp_path / "page.html").read_text()
     assert "<td>row</td><td>1</td>" in page
     assert "a&lt;b" in page
+
+
+def test_all_worlds_are_told_by_the_median_seed_and_the_worst():
+    table = tables.worlds(Canned(), seeds=3)
+    assert [row[0] for row in table.rows] == list(tables.PRESETS)
+    assert table.rows[0][1:] == ("0.0200 (0.0300)", "0.0050 (0.0050)")
