@@ -81,7 +81,7 @@ def changes(results: Results, seeds: int) -> Table:
     lines, total = [], np.zeros(3, dtype=int)
     for preset in PRESETS:
         runs = results.over_seeds("full", preset, seeds)
-        counts = np.sum([[r["changes"][key] for key in ("tp", "fp", "fn")] for r in runs], axis=0)
+        counts = _counts(runs)
         total += counts
         lines.append((preset, *_change_cells(counts), _object_cell(runs), paper.get(preset, "-")))
     lines.append(("all", *_change_cells(total), "", ""))
@@ -132,12 +132,11 @@ def ablations(results: Results, seeds: int) -> Table:
         cells = []
         for preset in (SYNTHETIC[0], REAL[1]):
             runs = results.over_seeds(variant, preset, seeds)
-            counts = np.sum([[r["changes"][key] for key in ("tp", "fp", "fn")] for r in runs], axis=0)
-            cells += [_median(Row("", lambda r: r["ate_rmse_m"]), runs), " / ".join(map(str, counts))]
+            cells += [_median(Row("", lambda r: r["ate_rmse_m"]), runs), " / ".join(map(str, _counts(runs)))]
         lines.append((name, *cells))
     return Table(
         "Ablations",
-        f"Median ATE (m) and changes TP / FP / FN over {seeds} seeds.",
+        f"Median ATE (m) and changes TP / FP / FN; worlds of each kind: {seeds}.",
         ("", *(f"{preset}, {figure}" for preset in (SYNTHETIC[0], REAL[1]) for figure in ("ATE", "changes"))),
         tuple(lines),
         command("ablations", seeds),
@@ -163,7 +162,7 @@ def nodes(results: Results, _: int) -> Table:
 
 
 def _run_cells(run: Result) -> tuple[str, str, str]:
-    counts = " / ".join(str(run["changes"][key]) for key in ("tp", "fp", "fn"))
+    counts = " / ".join(map(str, _counts([run])))
     return f"{run['ate_rmse_m']:.3f}", counts, f"{run['objects']['mapped']} / {run['objects']['true']}"
 
 
@@ -173,6 +172,7 @@ def speed(results: Results, _: int) -> Table:
 
 
 TABLES: dict[str, Callable[[Results, int], Table]] = {
+    "worlds": worlds,
     "localisation": localisation,
     "external": beside_external_slam,
     "changes": changes,
@@ -191,6 +191,11 @@ def wilson(successes: int, trials: int) -> tuple[float, float]:
         return 0.0, 1.0
     interval = binomtest(successes, trials).proportion_ci(method="wilson")
     return float(interval.low), float(interval.high)
+
+
+def _counts(runs: Sequence[Result]) -> np.ndarray:
+    """(3,) true, false and missed changes of all runs together."""
+    return np.sum([[run["changes"][key] for key in ("tp", "fp", "fn")] for run in runs], axis=0)
 
 
 def _change_cells(counts: np.ndarray) -> tuple[str, str, str]:

@@ -5,7 +5,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -15,10 +15,21 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 START_S = 120.0  # imports of a process on a busy machine
+TAIL = 4000  # characters of what a node has said that a failed test shows
 
 _domains = itertools.cycle(range(20 + os.getpid() % 40, 100))
+_running: list["RunningNode"] = []  # by the tests of this module
 Start = Callable[..., subprocess.Popen]
 StartNode = Callable[..., "RunningNode"]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """A failed test shows what the nodes that it met have said last."""
+    report = yield
+    if report.failed:
+        report.sections += [(f"output of {node.name}", node.output[-TAIL:]) for node in _running]
+    return report
 
 
 @pytest.fixture(scope="module")
@@ -67,22 +78,22 @@ def start_bags(domain: int) -> Iterator[Start]:
 @pytest.fixture(scope="module")
 def start_node(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[StartNode]:
     """Starts a node of this project as `ros2 run` does; it is interrupted at the end and must end well."""
-    running: list[RunningNode] = []
 
     def start(name: str, **parameters: object) -> RunningNode:
-        running.append(RunningNode(name, tmp_path_factory.mktemp(name) / "output.log", parameters))
-        return running[-1]
+        _running.append(RunningNode(name, tmp_path_factory.mktemp(name) / "output.log", parameters))
+        return _running[-1]
 
     yield start
-    for node in running:
+    for node in _running:
         node.end()
+    _running.clear()
 
 
 class RunningNode:
     """One of the nodes as a process of its own; `output` is what it has said so far."""
 
     def __init__(self, name: str, log: Path, parameters: dict[str, object]) -> None:
-        package = f"neuse_{name}"
+        self.name, package = name, f"neuse_{name}"
         values = [f"-p{key}:={value}" for key, value in parameters.items() if key != "params_file"]
         executable = Path(get_package_prefix(package), "lib", package, name)
         self.log = log

@@ -1,5 +1,6 @@
 """A camera that wanders through a world of codes, told to slam_node; what mapper_node makes of it."""
 
+import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -58,10 +59,14 @@ class Graph:
         self.peer.wait_for(lambda: self._count(node, name) >= least, f"{least} x {name} of {node}")
 
     def wait_for_report(self, node: str) -> None:
-        """Until a node that has just been started tells how it is."""
-        heard = self.peer.heard["/diagnostics"]
-        heard.clear()
-        self.peer.wait_for(lambda: any(s.name == node for m in heard for s in m.status), f"word of {node}")
+        """Until a node tells how it is now: one that has been killed may have reports under way."""
+        asked_ns, heard = time.time_ns(), self.peer.heard["/diagnostics"]
+
+        def has_reported() -> bool:
+            recent = (m for m in heard if stamp_from_msg(m.header.stamp) > asked_ns)
+            return any(s.name == node for m in recent for s in m.status)
+
+        self.peer.wait_for(has_reported, f"word of {node}")
 
     def _count(self, node: str, name: str) -> int:
         """A counter as the node told it last."""
