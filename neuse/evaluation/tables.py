@@ -13,9 +13,16 @@ from pathlib import Path
 from statistics import median
 
 import numpy as np
-from scipy.stats import binomtest
 
 from neuse.evaluation.bench import beside_paper
+from neuse.evaluation.cells import (
+    change_cells,
+    change_counts,
+    counts_cell,
+    nees_cells,
+    object_cell,
+    wrong_cell,
+)
 from neuse.evaluation.comparison import beside_external_slam, beside_geometry, coming_back
 from neuse.evaluation.results import Result, Results
 from neuse.evaluation.table import Table, command, write_page
@@ -81,10 +88,10 @@ def changes(results: Results, seeds: int) -> Table:
     lines, total = [], np.zeros(3, dtype=int)
     for preset in PRESETS:
         runs = results.over_seeds("full", preset, seeds)
-        counts = _counts(runs)
+        counts = change_counts(runs)
         total += counts
-        lines.append((preset, *_change_cells(counts), _object_cell(runs), paper.get(preset, "-")))
-    lines.append(("all", *_change_cells(total), "", ""))
+        lines.append((preset, *change_cells(counts), object_cell(runs), paper.get(preset, "-")))
+    lines.append(("all", *change_cells(total), "", ""))
     return Table(
         "Change detection (Table IV)",
         f"Sums over {seeds} seeds; precision and recall with Wilson's 95 % intervals; objects mapped / to be "
@@ -99,10 +106,10 @@ def trust(results: Results, seeds: int) -> Table:
     """NEES per degree of freedom by type of edge and kind of objects, and of poses; wrong loop closures."""
     runs = [r for preset in (*SYNTHETIC, *REAL) for r in results.over_seeds("full", preset, seeds)]
     names = sorted({name for run in runs for name in run["trust"]})
-    lines = [(name, *_nees_cells([run["trust"].get(name) for run in runs])) for name in names]
+    lines = [(name, *nees_cells([run["trust"].get(name) for run in runs])) for name in names]
     ungated = [r for preset in (*SYNTHETIC, *REAL) for r in results.over_seeds("full-ungated", preset, seeds)]
-    lines.append((f"loop closures wrong by over 0.10 m or 10 degrees: {_wrong(runs)}", "", "", ""))
-    lines.append((f"the same before the gates: {_wrong(ungated)}", "", "", ""))
+    lines.append((f"loop closures wrong by over 0.10 m or 10 degrees: {wrong_cell(runs)}", "", "", ""))
+    lines.append((f"the same before the gates: {wrong_cell(ungated)}", "", "", ""))
     return Table(
         "Trust: are the covariances honest?",
         "Normalised estimation error squared per degree of freedom; 1 is honest, below is cautious.",
@@ -132,7 +139,7 @@ def ablations(results: Results, seeds: int) -> Table:
         cells = []
         for preset in (SYNTHETIC[0], REAL[1]):
             runs = results.over_seeds(variant, preset, seeds)
-            cells += [_median(Row("", lambda r: r["ate_rmse_m"]), runs), " / ".join(map(str, _counts(runs)))]
+            cells += [_median(Row("", lambda r: r["ate_rmse_m"]), runs), counts_cell(runs)]
         lines.append((name, *cells))
     return Table(
         "Ablations",
@@ -162,13 +169,18 @@ def nodes(results: Results, _: int) -> Table:
 
 
 def _run_cells(run: Result) -> tuple[str, str, str]:
-    counts = " / ".join(map(str, _counts([run])))
+    counts = counts_cell([run])
     return f"{run['ate_rmse_m']:.3f}", counts, f"{run['objects']['mapped']} / {run['objects']['true']}"
 
 
 def speed(results: Results, _: int) -> Table:
     """Times, frames a second and memory beside the paper's: see bench.py."""
     return beside_paper(results.folder.parent / "bench" / "bench.json")
+
+
+def _median(row: Row, runs: Sequence[Result]) -> str:
+    values = [value for run in runs if (value := row.value(run)) is not None]
+    return f"{median(values):.{row.digits}f}" if values else "-"
 
 
 TABLES: dict[str, Callable[[Results, int], Table]] = {
@@ -183,56 +195,6 @@ TABLES: dict[str, Callable[[Results, int], Table]] = {
     "nodes": nodes,
     "speed": speed,
 }
-
-
-def wilson(successes: int, trials: int) -> tuple[float, float]:
-    """95 % interval of a proportion (Wilson 1927); (0, 1) without trials."""
-    if trials == 0:
-        return 0.0, 1.0
-    interval = binomtest(successes, trials).proportion_ci(method="wilson")
-    return float(interval.low), float(interval.high)
-
-
-def _counts(runs: Sequence[Result]) -> np.ndarray:
-    """(3,) true, false and missed changes of all runs together."""
-    return np.sum([[run["changes"][key] for key in ("tp", "fp", "fn")] for run in runs], axis=0)
-
-
-def _change_cells(counts: np.ndarray) -> tuple[str, str, str]:
-    tp, fp, fn = (int(count) for count in counts)
-    return f"{tp} / {fp} / {fn}", _share(tp, tp + fp), _share(tp, tp + fn)
-
-
-def _share(successes: int, trials: int) -> str:
-    low, high = wilson(successes, trials)
-    return "-" if trials == 0 else f"{successes / trials:.3f} [{low:.3f}, {high:.3f}]"
-
-
-def _object_cell(runs: Sequence[Result]) -> str:
-    objects = [run["objects"] for run in runs]
-    mapped, true = sum(o["mapped"] for o in objects), sum(o["true"] for o in objects)
-    twice, ghosts = sum(len(o["duplicates"]) for o in objects), sum(len(o["ghosts"]) for o in objects)
-    return f"{mapped} / {true}, {twice} twice, {ghosts} ghosts"
-
-
-def _wrong(runs: Sequence[Result]) -> str:
-    closures = sum(run["edges"]["loop_closure"] for run in runs)
-    return f"{sum(run['wrong_closures'] for run in runs)} of {closures}"
-
-
-def _nees_cells(parts: Sequence[dict | None]) -> tuple[str, str, str]:
-    """Mean over all samples, median of the runs' medians, and how many samples."""
-    known = [part for part in parts if part]
-    if not known:
-        return "-", "-", "0"
-    n = sum(part["n"] for part in known)
-    mean = sum(part["mean"] * part["n"] / part["dof"] for part in known) / n
-    return f"{mean:.2f}", f"{median(part['median'] / part['dof'] for part in known):.2f}", str(n)
-
-
-def _median(row: Row, runs: Sequence[Result]) -> str:
-    values = [value for run in runs if (value := row.value(run)) is not None]
-    return f"{median(values):.{row.digits}f}" if values else "-"
 
 
 def main() -> None:

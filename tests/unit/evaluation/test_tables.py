@@ -5,9 +5,10 @@ from collections import defaultdict
 import pytest
 
 from neuse.evaluation import tables
+from neuse.evaluation.cells import wilson
 from neuse.evaluation.comparison import OTHERS
 from neuse.evaluation.table import Table, write_page
-from neuse.evaluation.tables import TABLES, wilson
+from neuse.evaluation.tables import TABLES
 from neuse.evaluation.variants import VARIANTS, params_of
 
 NEES = {"mean": 9.0, "median": 6.0, "inside_95": 0.9, "n": 10, "dof": 6}
