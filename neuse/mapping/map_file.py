@@ -16,7 +16,8 @@ import numpy as np
 
 from neuse.errors import MapFileError
 from neuse.mapping.archive import read_arrays
-from neuse.mapping.map_layout import StoredMap, from_arrays, to_arrays
+from neuse.mapping.map_layout import from_arrays, to_arrays
+from neuse.mapping.stored_map import StoredMap
 
 FORMAT = "neuse-map"
 VERSION = 3

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 
 from neuse.mapping.keyframe_memory import KeyframeMemory, SeenKeyframe
-from neuse.mapping.map_layout import StoredKeyframe, StoredMap, StoredObject
 from neuse.mapping.object_library import ObjectLibrary
 from neuse.mapping.object_record import ObjectRecord
+from neuse.mapping.stored_map import StoredKeyframe, StoredMap, StoredObject
 from neuse.records import NO_ID, ObjectChange, ObjectStatus
 
 

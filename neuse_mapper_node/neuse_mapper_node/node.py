@@ -25,14 +25,14 @@ from neuse_encoder_node.stage_node import StageNode
 from neuse_encoder_node.stamps import NANOSECONDS, StampOrder
 from neuse_encoder_node.weights import load_embeddings
 from neuse_mapper_node import conversions
+from neuse_mapper_node.announcements import Announcements
 from neuse_mapper_node.canvas import Canvas
 from neuse_mapper_node.decoding import Decoding
 from neuse_mapper_node.keyframe_match import Estimates, KeyframeMatch
 from neuse_mapper_node.params import MapperNodeParams
 from neuse_msgs.msg import KeyframeArray, ObjectMap, TrackedFrame
-from neuse_msgs.msg import ObjectChange as ObjectChangeMsg
 from neuse_msgs.srv import LoadMap, SaveMap
-from neuse_slam_node.conversions import change_to_msg, tracked_frame_from_msg
+from neuse_slam_node.conversions import tracked_frame_from_msg
 from neuse_slam_node.packed_keyframes import KeyframeReader, unpack
 
 NAME = "mapper_node"
@@ -59,7 +59,6 @@ class MapperNode(StageNode):
         self._matches = [KeyframeMatch() for _ in self._namespaces]
         self._readers = [KeyframeReader() for _ in self._namespaces]
         self._orders = [StampOrder(params.restart_s) for _ in self._namespaces]
-        self._told: tuple[tuple[int, int], ...] = ()
         self._is_original = True  # nobody has told this map to be another
         self._stamp_ns = self._next_map_ns = self._next_drawing_ns = 0
         self._decoding = Decoding(self._mapper, params.decode_share)
@@ -84,26 +83,17 @@ class MapperNode(StageNode):
         return decode
 
     def _connect(self, depth: int) -> None:
-        self._map = self.offer(ObjectMap, "neuse/map", latched())
+        self._told = Announcements(self.offer, self._namespaces, self._params.map_frame, depth)
         self._canvas = Canvas(self.offer, self._params.map_frame)
-        self._changes = [self.offer(ObjectChangeMsg, "neuse/changes", reliable(depth))]
-        self._priors: list[Any] = []
         for index, namespace in enumerate(self._namespaces):
-            self._connect_session(index, namespace, depth)
+            frames = partial(self._receive_frame, index)
+            keyframes = partial(self._receive_keyframes, index)
+            self.listen(TrackedFrame, f"{namespace}neuse/frames", frames, reliable(depth))
+            self.listen(KeyframeArray, f"{namespace}neuse/keyframes", keyframes, latched(depth), raw=True)
         self.listen(ObjectMap, "neuse/recalled_map", self._receive_recalled, reliable(1))
         self.serve(SaveMap, "~/save_map", self._save_map)
         self.serve(LoadMap, "~/load_map", self._load_map)
         self.serve(Trigger, "~/reset", self._reset)
-
-    def _connect_session(self, index: int, namespace: str, depth: int) -> None:
-        """What a robot sends, and what it is told."""
-        frames = partial(self._receive_frame, index)
-        keyframes = partial(self._receive_keyframes, index)
-        self.listen(TrackedFrame, f"{namespace}neuse/frames", frames, reliable(depth))
-        self.listen(KeyframeArray, f"{namespace}neuse/keyframes", keyframes, latched(depth), raw=True)
-        self._priors.append(self.offer(ObjectMap, f"{namespace}neuse/prior_map", latched()))
-        if namespace:
-            self._changes.append(self.offer(ObjectChangeMsg, f"{namespace}neuse/changes", reliable(depth)))
 
     def order_of(self, item: Item) -> StampOrder:
         return self._orders[item[0]]
@@ -196,8 +186,7 @@ class MapperNode(StageNode):
     def _publish_changes(self, changes: Sequence[ObjectChange]) -> None:
         for change in changes:
             self.health.tally(f"changes_{change.kind.name.lower()}")
-            for publisher in self._changes:
-                publisher.publish(change_to_msg(change, self._params.map_frame))
+            self._told.tell_change(change)
         if changes:
             self._next_map_ns = self._next_drawing_ns = 0
 
@@ -228,18 +217,7 @@ class MapperNode(StageNode):
 
     def _publish_map(self, object_map: Map) -> None:
         self.health.state("objects", len(object_map.objects))
-        message = conversions.object_map_to_msg(object_map, self._params.map_frame)
-        self._map.publish(message)
-        self._tell_sessions(message)
-
-    def _tell_sessions(self, message: ObjectMap) -> None:
-        """The map to those who are not in it, or share it, whenever it has got other objects."""
-        objects = tuple((known.object_id, known.status) for known in message.objects)
-        is_shared = len(self._priors) > 1 or self._sessions.has_strangers
-        if objects != self._told and (is_shared or not objects):
-            self._told = objects
-            for publisher in self._priors:
-                publisher.publish(message)
+        self._told.tell_map(object_map, self._sessions.has_strangers)
 
     def _draw(self) -> None:
         with self.health.timed("draw"):

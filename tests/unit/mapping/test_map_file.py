@@ -10,7 +10,7 @@ from neuse.embedding.code import Code
 from neuse.errors import MapFileError
 from neuse.geometry import make_transform
 from neuse.mapping.map_file import load_map, save_map
-from neuse.mapping.map_layout import StoredKeyframe, StoredMap, StoredObject
+from neuse.mapping.stored_map import StoredKeyframe, StoredMap, StoredObject
 from neuse.mapping.views import View
 from neuse.records import ChangeKind, ObjectChange
 
