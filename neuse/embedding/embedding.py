@@ -11,6 +11,7 @@ import trimesh
 from numpy.typing import ArrayLike
 
 from neuse.embedding.code import Code
+from neuse.embedding.devices import AUTO, device_named
 from neuse.embedding.encoder import Encoding
 from neuse.embedding.network import MIN_POINTS, UNIT_M, Network, load_network
 from neuse.embedding.reconstruction import reconstruct
@@ -27,14 +28,18 @@ def shipped_categories() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in WEIGHTS.glob("*.safetensors")))
 
 
-def load_embedding(name: str | Path) -> "Embedding":
+def load_embedding(name: str | Path, device: str = AUTO) -> "Embedding":
     """The embedding of a shipped category ("mug", "bottle"), or of a weights file.
 
+    Args:
+        device: what its network runs on: "auto" (a GPU where there is one), "cpu", "cuda", "cuda:1".
     Raises:
         WeightsError: neither a shipped category nor a readable weights file.
+        InputError: `device`, this machine has no such device.
     """
     path = weights_file(name)
-    return Embedding(load_network(path, None if path == Path(name) else str(name)))
+    network = load_network(path, None if path == Path(name) else str(name))
+    return Embedding(network.to(device_named(device)))
 
 
 def weights_file(name: str | Path) -> Path:

@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from sensor_msgs.msg import CameraInfo, Image
 
+from neuse.embedding import devices
 from neuse.embedding.observe import Observer, ObserverParams
 from neuse.params import param
 from neuse.records import ObservedFrame
@@ -44,6 +45,7 @@ class EncoderNodeParams(StageParams):
     join_size: int = param(20, "stamps that may wait for the rest of their messages", 1, 10000)
     output_depth: int = param(50, "depth of the reliable output queue", 1, 10000)
     weights: tuple[str, ...] = param(SHIPPED, MEANING)
+    device: str = param(devices.AUTO, devices.MEANING)
     detection_classes: tuple[str, ...] = param(
         ("cup=mug",), "name=category for classes of vision_msgs detections that are called otherwise here"
     )
@@ -78,7 +80,7 @@ class EncoderNode(StageNode):
 
     def build(self, params: EncoderNodeParams) -> None:
         torch.set_num_threads(params.threads)
-        self._observer = Observer(params.encoder, load_embeddings(params.weights))
+        self._observer = Observer(params.encoder, load_embeddings(params.weights, params.device))
         self._hurried_share = params.hurried_share
         self._join = StampJoin(list(INPUTS), params.join_size)
         self._observations = self.offer(

@@ -50,7 +50,7 @@ class MapperNode(StageNode):
 
     def build(self, params: MapperNodeParams) -> None:
         self._params = params
-        embeddings = load_embeddings(params.weights)
+        embeddings = load_embeddings(params.weights, params.device)
         decoders = {category: self._decoder(embedding) for category, embedding in embeddings.items()}
         self._mapper = ObjectMapper(decoders, params.mapper)
         named = [name.strip().rstrip("/") for name in params.sessions.split(",")]

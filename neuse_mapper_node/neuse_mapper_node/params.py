@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from neuse.embedding import devices
 from neuse.mapping.mapper import MapperParams
 from neuse.params import param
 from neuse_encoder_node.stage_node import StageParams
@@ -23,4 +24,5 @@ class MapperNodeParams(StageParams):
     save_path: str = param("", "map file that is written when the node ends; empty: none")
     sessions: str = param("", "namespaces of robots that share this map, with commas; empty: the node's own")
     weights: tuple[str, ...] = param(SHIPPED, MEANING)
+    device: str = param(devices.AUTO, devices.MEANING)
     mapper: MapperParams = field(default_factory=MapperParams)
