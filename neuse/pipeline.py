@@ -1,10 +1,11 @@
 """The whole system in one process, one step a frame: no ROS, no threads, repeatable to the last digit."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from neuse.embedding.embedding import Embedding
 from neuse.embedding.observe import Observer, ObserverParams
 from neuse.mapping.mapper import MapperParams, ObjectMapper
 from neuse.records import ObjectChange, ObservedFrame, OdometrySample, RgbdFrame, TrackedFrame
@@ -41,9 +42,12 @@ class PipelineResult:
 class Pipeline:
     """Segmented RGB-D frames in, keyframes, edges and a change-aware object map out (NeuSE figure 2)."""
 
-    def __init__(self, params: PipelineParams | None = None) -> None:
+    def __init__(
+        self, params: PipelineParams | None = None, embeddings: Mapping[str, Embedding] | None = None
+    ) -> None:
+        """`embeddings` by category; None loads all that are shipped."""
         self.params = params or PipelineParams()
-        self.observer = Observer(self.params.encoder)
+        self.observer = Observer(self.params.encoder, embeddings)
         self.slam = ObjectSlam(self.params.slam)
         decoders = {name: embedding.reconstruct for name, embedding in self.observer.embeddings.items()}
         self.mapper = ObjectMapper(decoders, self.params.mapper)

@@ -7,6 +7,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 
 import rclpy
@@ -25,6 +26,13 @@ def command_parser(command: str, description: str | None) -> argparse.ArgumentPa
         prog=f"neuse_bags {command}",
         description=description,
         formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
+def add_weights(parser: argparse.ArgumentParser) -> None:
+    """The option that names weights beside those that are shipped."""
+    parser.add_argument(
+        "--weights", type=Path, nargs="+", default=[], metavar="FILE", help="weights of your own categories"
     )
 
 

@@ -8,19 +8,21 @@ DIR/recording.mcap, and writes all that evaluate writes. What each process says 
 """
 
 import argparse
+import json
 import os
 import signal
 import subprocess
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 
+from neuse.embedding.embedding import load_embeddings, shipped_categories
 from neuse.errors import NeuseError
 from neuse_bags import simulate, topics
-from neuse_bags.cli import check_at_least, command_parser, run_command
+from neuse_bags.cli import add_weights, check_at_least, command_parser, run_command
 from neuse_bags.evaluate import RECORDING, evaluate_recording, refuse_overwriting
 from neuse_bags.mcap_file import BagReader
 from neuse_bags.play import LEAST_RATE
@@ -61,18 +63,20 @@ class Graph:
             )
         return self._processes[name]
 
-    def start_nodes(self, namespaces: Sequence[str], live: bool) -> None:
+    def start_nodes(self, namespaces: Sequence[str], live: bool, weights: Sequence[Path] = ()) -> None:
         """The nodes of one robot, or of several with one mapper.
 
         live: they have their defaults, as for a camera: what comes too fast is dropped and counted.
+        weights: files of categories that are not shipped.
         """
         patience = {} if live else PATIENCE
+        known = {"weights": _listed([*shipped_categories(), *map(Path.resolve, weights)])} if weights else {}
         for index, namespace in enumerate(namespaces):
-            encoder = {} if live else ENCODER_PATIENCE
+            encoder = known | ({} if live else ENCODER_PATIENCE)
             self._start_node("encoder_node", encoder, namespace)
             self._start_node("slam_node", patience | _joining(index, len(namespaces)), namespace)
         sharing = {"sessions": ",".join(namespaces)} if len(namespaces) > 1 else {}
-        self._start_node("mapper_node", patience | sharing)
+        self._start_node("mapper_node", known | patience | sharing)
 
     def _start_node(self, node: str, parameters: Mapping[str, object], namespace: str = "") -> None:
         name = node + namespace.replace("/", "_")
@@ -132,11 +136,17 @@ def running_graph(logs: Path) -> Iterator[Graph]:
 
 
 def record_graph(
-    bag: Path, recording: Path, rate: float, logs: Path, live: bool = False, namespaces: Sequence[str] = ("",)
+    bag: Path,
+    recording: Path,
+    rate: float,
+    logs: Path,
+    live: bool = False,
+    namespaces: Sequence[str] = ("",),
+    weights: Sequence[Path] = (),
 ) -> None:
     """Play a bag to the nodes and record what they publish; namespaces: of the cameras in the bag."""
     with running_graph(logs) as graph:
-        graph.start_nodes(namespaces, live)
+        graph.start_nodes(namespaces, live, weights)
         graph.start("neuse_bags", "record", "--out", recording, "--overwrite")
         waiting = ["--wait-for", str(START_S), "--wait-topics", *awaited(namespaces)]
         graph.start("neuse_bags", "play", bag, "--rate", rate, *waiting)
@@ -152,19 +162,20 @@ def awaited(namespaces: Sequence[str] = ("",)) -> list[str]:
 def demo(args: argparse.Namespace) -> None:
     """The command."""
     check_at_least("--rate", args.rate, LEAST_RATE, "1 is the recorded pace")
+    load_embeddings(args.weights)  # weights that cannot be read are told before anything starts
     bag, recording = args.bag or args.out / f"{args.preset}.mcap", args.out / RECORDING
     refuse_overwriting(bag, recording)
     if args.bag is None and not bag.exists():
         _simulate(args.preset, bag)
-    with BagReader(bag) as source:  # a bag that cannot be read is told before anything starts
+    with BagReader(bag) as source:  # and so is a bag
         namespaces = topics.namespaces_in(source) or ("",)
-    record_graph(bag, recording, args.rate, args.out / "logs", args.live, namespaces)
+    record_graph(bag, recording, args.rate, args.out / "logs", args.live, namespaces, args.weights)
     if len(namespaces) > 1:
         print(evaluate_robots(recording, bag, args.out))
         return
     if args.live:
         print("\n".join(last_summaries(args.out / "logs")))
-    print(evaluate_recording(recording, bag, args.out))
+    print(evaluate_recording(recording, bag, args.out, args.weights))
     print(f"report: {args.out / 'report.html'}")
 
 
@@ -200,6 +211,11 @@ def _ros_arguments(parameters: Mapping[str, object], namespace: str = "") -> lis
     return ["--ros-args", *(word for pair in pairs for word in pair)] if pairs else []
 
 
+def _listed(values: Iterable[object]) -> str:
+    """A list as the value of a parameter."""
+    return f"[{', '.join(json.dumps(str(value)) for value in values)}]"
+
+
 def _executable(package: str, name: str) -> Path:
     try:
         return Path(get_package_prefix(package), "lib", package, name)
@@ -217,6 +233,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--live", action="store_true", help="as from a camera: frames that come too fast are dropped"
     )
+    add_weights(made)
     return made
 
 

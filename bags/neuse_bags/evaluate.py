@@ -6,15 +6,15 @@ camera path. Without ground truth in BAG the figures that need it are null.
 """
 
 import argparse
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
 
-import neuse
-from neuse.errors import BagError, NeuseError
+from neuse.embedding.embedding import Embedding, load_embeddings, shipped_categories
+from neuse.errors import BagError
 from neuse.evaluation.map_scene import Reconstruct
 from neuse.evaluation.outputs import write_outputs
 from neuse.evaluation.report import summary_text
-from neuse_bags.cli import command_parser, run_command
+from neuse_bags.cli import add_weights, command_parser, run_command
 from neuse_bags.recording import read_estimate, read_truth
 from neuse_bags.views import read_observed, read_views
 
@@ -23,15 +23,19 @@ RECORDING = "recording.mcap"
 
 def evaluate(args: argparse.Namespace) -> None:
     """The command."""
-    print(evaluate_recording(args.recording, args.truth, args.out))
+    print(evaluate_recording(args.recording, args.truth, args.out, args.weights))
 
 
-def evaluate_recording(recording: Path, truth_bag: Path, folder: Path) -> str:
-    """Write all outputs of a recorded run; returns the summary for people."""
+def evaluate_recording(recording: Path, truth_bag: Path, folder: Path, weights: Sequence[Path] = ()) -> str:
+    """Write all outputs of a recorded run; returns the summary for people.
+
+    weights: files of categories that are not shipped.
+    """
     estimate, truth = read_estimate(recording), read_truth(truth_bag)
     observed = read_observed(recording)
     mapped = (item.category for item in estimate.final_map().objects)
-    decoders = _decoders([*mapped, *(o.code.category for frame in observed for o in frame.observations)])
+    seen = (o.code.category for frame in observed for o in frame.observations)
+    decoders = _decoders({*mapped, *seen}, load_embeddings([*shipped_categories(), *weights]))
     views = read_views(truth_bag, observed, decoders)
     return summary_text(write_outputs(folder, recording.stem, estimate, truth, decoders, views))
 
@@ -42,15 +46,11 @@ def refuse_overwriting(bag: Path, recording: Path) -> None:
         raise BagError(f"{bag} would be overwritten by the recording of its own run; choose another --out")
 
 
-def _decoders(categories: Iterable[str]) -> Mapping[str, Reconstruct]:
-    """Shipped decoders; objects of other categories are drawn as boxes."""
-    decoders = {}
-    for category in sorted(set(categories)):
-        try:
-            decoders[category] = neuse.load_embedding(category).reconstruct
-        except NeuseError as error:
-            print(f"evaluate: objects of category {category} are drawn as boxes: {error}")
-    return decoders
+def _decoders(categories: Set[str], embeddings: Mapping[str, Embedding]) -> Mapping[str, Reconstruct]:
+    """Decoders of the categories that have weights; objects of others are drawn as boxes."""
+    for category in sorted(categories - embeddings.keys()):
+        print(f"evaluate: objects of category {category} are drawn as boxes; --weights names their decoder")
+    return {name: embeddings[name].reconstruct for name in sorted(categories & embeddings.keys())}
 
 
 def parser() -> argparse.ArgumentParser:
@@ -65,6 +65,7 @@ def parser() -> argparse.ArgumentParser:
         help="bag that was played, with ground truth if known",
     )
     made.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write into")
+    add_weights(made)
     return made
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from neuse.embedding.embedding import load_embedding, shipped_categories
-from neuse_bags.cli import command_parser, run_command
+from neuse_bags.cli import add_weights, command_parser, run_command
 from neuse_bags.inspection import BagReport, inspect_bag
 from neuse_bags.mcap_file import BagReader, BagTopic
 from neuse_bags.roles import Role
@@ -50,14 +50,7 @@ def parser() -> argparse.ArgumentParser:
     """Arguments of the command."""
     made = command_parser("info", __doc__)
     made.add_argument("bag", type=Path, metavar="BAG", help=".mcap file or rosbag2 folder")
-    made.add_argument(
-        "--weights",
-        type=Path,
-        nargs="+",
-        default=[],
-        metavar="FILE",
-        help="weights of your own categories",
-    )
+    add_weights(made)
     return made
 
 

@@ -11,10 +11,11 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from neuse.embedding.embedding import load_embeddings, shipped_categories
 from neuse.errors import BagError, InputError
 from neuse.pipeline import Pipeline
 from neuse_bags import topics
-from neuse_bags.cli import command_parser, run_command, stop_on_signal
+from neuse_bags.cli import add_weights, command_parser, run_command, stop_on_signal
 from neuse_bags.evaluate import RECORDING, evaluate_recording, refuse_overwriting
 from neuse_bags.frames import JOINED, read_frames, read_odometry
 from neuse_bags.mcap_file import BagReader, BagWriter
@@ -60,15 +61,15 @@ def run_pipeline(bag: BagReader, writer: BagWriter, pipeline: Pipeline) -> Count
 
 def run(args: argparse.Namespace) -> None:
     """The command."""
-    recording = args.out / RECORDING
+    recording, embeddings = args.out / RECORDING, load_embeddings([*shipped_categories(), *args.weights])
     refuse_overwriting(args.bag, recording)
     with BagReader(args.bag) as bag:
         bag.require(JOINED)
         with BagWriter(recording) as writer:
-            faults = run_pipeline(bag, writer, Pipeline())
+            faults = run_pipeline(bag, writer, Pipeline(embeddings=embeddings))
     for reason, count in faults.items():
         print(f"run: {count} x {reason}", file=sys.stderr)
-    print(evaluate_recording(recording, args.bag, args.out))
+    print(evaluate_recording(recording, args.bag, args.out, args.weights))
 
 
 def parser() -> argparse.ArgumentParser:
@@ -76,6 +77,7 @@ def parser() -> argparse.ArgumentParser:
     made = command_parser("run", __doc__)
     made.add_argument("bag", type=Path, metavar="BAG", help=".mcap file or rosbag2 folder")
     made.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write into")
+    add_weights(made)
     return made
 
 

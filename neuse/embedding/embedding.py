@@ -1,6 +1,6 @@
 """The embedding of one category as users meet it: clouds to codes, codes to meshes."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -40,6 +40,11 @@ def load_embedding(name: str | Path, device: str = AUTO) -> "Embedding":
     path = weights_file(name)
     network = load_network(path, None if path == Path(name) else str(name))
     return Embedding(network.to(device_named(device)))
+
+
+def load_embeddings(names: Iterable[str | Path], device: str = AUTO) -> dict[str, "Embedding"]:
+    """Embeddings by category; of two for one category the later counts. Raises as `load_embedding` does."""
+    return {embedding.category: embedding for embedding in (load_embedding(name, device) for name in names)}
 
 
 def weights_file(name: str | Path) -> Path:

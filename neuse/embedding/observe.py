@@ -8,7 +8,7 @@ import numpy as np
 
 from neuse.embedding.cloud import core
 from neuse.embedding.code import Code
-from neuse.embedding.embedding import Embedding, load_embedding, shipped_categories
+from neuse.embedding.embedding import Embedding, load_embeddings, shipped_categories
 from neuse.errors import InputError
 from neuse.params import CheckedParams, param
 from neuse.records import Instance, Intrinsics, Observation, ObservedFrame, Rejection, RgbdFrame
@@ -38,7 +38,7 @@ class Observer:
         """`embeddings` by category; None loads all that are shipped."""
         self.params = params
         if embeddings is None:
-            embeddings = {category: load_embedding(category) for category in shipped_categories()}
+            embeddings = load_embeddings(shipped_categories())
         self.embeddings = dict(embeddings)
 
     def observe(self, frame: RgbdFrame, share: float = 1.0) -> ObservedFrame:

@@ -10,6 +10,7 @@ import torch
 from sensor_msgs.msg import CameraInfo, Image
 
 from neuse.embedding import devices
+from neuse.embedding.embedding import load_embeddings
 from neuse.embedding.observe import Observer, ObserverParams
 from neuse.params import param
 from neuse.records import ObservedFrame
@@ -19,7 +20,7 @@ from neuse_encoder_node.qos import reliable, sensor
 from neuse_encoder_node.run import run
 from neuse_encoder_node.stage_node import StageNode, StageParams
 from neuse_encoder_node.stamps import StampJoin
-from neuse_encoder_node.weights import MEANING, SHIPPED, load_embeddings
+from neuse_encoder_node.weights import MEANING, SHIPPED
 from neuse_msgs.msg import InstanceArray, ObjectObservationArray
 
 NAME = "encoder_node"

@@ -11,7 +11,7 @@ from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from std_srvs.srv import Trigger
 
 from neuse.embedding.code import Code
-from neuse.embedding.embedding import Embedding
+from neuse.embedding.embedding import Embedding, load_embeddings
 from neuse.errors import MapFileError, NeuseError
 from neuse.mapping.mapper import ObjectMapper
 from neuse.mapping.reconstruction import Reconstruct
@@ -23,7 +23,6 @@ from neuse_encoder_node.qos import latched, reliable
 from neuse_encoder_node.run import run
 from neuse_encoder_node.stage_node import StageNode
 from neuse_encoder_node.stamps import NANOSECONDS, StampOrder
-from neuse_encoder_node.weights import load_embeddings
 from neuse_mapper_node import conversions
 from neuse_mapper_node.announcements import Announcements
 from neuse_mapper_node.canvas import Canvas

@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
+from neuse.embedding.embedding import weights_file
+from neuse.embedding.network import load_network, save_network
 from neuse.geometry import exp
 from neuse.records import Instance, Intrinsics, RgbdFrame
 
@@ -70,6 +72,15 @@ def picture_folder(tmp_path: Path) -> Callable[..., Path]:
         return folder
 
     return make
+
+
+@pytest.fixture
+def kettle_weights(tmp_path: Path) -> Path:
+    """Weights of a category of one's own."""
+    network = load_network(weights_file("mug"))
+    network.category = "kettle"
+    save_network(network, tmp_path / "kettle.safetensors", {})
+    return tmp_path / "kettle.safetensors"
 
 
 def _write_pictures(folder: Path, name: str) -> None:

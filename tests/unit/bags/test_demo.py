@@ -13,6 +13,7 @@ from neuse_bags.demo import NODES, last_summaries, main
         (["--rate", "0"], "--rate 0.0 must be at least"),
         (["--bag", "nowhere.mcap"], "nowhere.mcap does not exist"),
         (["--preset", "nowhere"], "unknown preset 'nowhere'"),
+        (["--weights", "nowhere.safetensors"], "cannot read weights nowhere.safetensors"),
     ],
 )
 def test_bad_argument_is_told_before_anything_starts(

@@ -1,5 +1,6 @@
 """The in-process pipeline over a bag, recorded and read back for the evaluation."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,9 +29,12 @@ from neuse.records import (
     TrackedObservation,
 )
 from neuse_bags import topics
+from neuse_bags.evaluate import main as evaluate
+from neuse_bags.frames import write_frame
 from neuse_bags.mcap_file import BagReader, BagWriter
 from neuse_bags.recording import read_estimate
 from neuse_bags.run import main, run_pipeline
+from neuse_bags.views import read_observed
 
 CODE = Code("mug", False, np.arange(24.0).reshape(8, 3), np.full(8, 8**-0.5), np.full(6, 0.1))
 SIXTH = exp([0.1, 0.2, 0.3, 1.0, 2.0, 3.0])
@@ -233,6 +237,32 @@ def test_bag_without_a_whole_frame_is_told(tmp_path: Path) -> None:
         pytest.raises(BagError, match="has no frame of depth, mask"),
     ):
         run_pipeline(bag, writer, MadeUpPipeline())
+
+
+def test_categories_of_ones_own_are_encoded_and_drawn_with_their_weights(
+    frames: list[RgbdFrame], kettle_weights: Path, tmp_path: Path, capsys
+) -> None:
+    bag, out = tmp_path / "kettles.mcap", tmp_path / "out"
+    with BagWriter(bag) as writer:
+        topics.declare(writer, (*topics.FRAME_TOPICS, *topics.COLOR_TOPICS))
+        for frame in frames:
+            kettles = tuple(replace(instance, category="kettle") for instance in frame.instances)
+            write_frame(writer, replace(frame, depth_m=np.full_like(frame.depth_m, 0.6), instances=kettles))
+    assert main([str(bag), "--out", str(out), "--weights", str(kettle_weights)]) == 0
+    observed = read_observed(out / "recording.mcap")
+    assert [[o.code.category for o in frame.observations] for frame in observed] == [["kettle"] * 2] * 5
+    assert "drawn as boxes" not in capsys.readouterr().out
+    assert evaluate([str(out / "recording.mcap"), "--truth", str(bag), "--out", str(out / "again")]) == 0
+    assert "category kettle are drawn as boxes; --weights" in capsys.readouterr().out
+
+
+def test_weights_that_cannot_be_read_are_told_before_anything_is_written(
+    frames_bag: Path, tmp_path: Path, capsys
+) -> None:
+    weights = ["--weights", str(tmp_path / "kettle.safetensors")]
+    assert main([str(frames_bag), "--out", str(tmp_path / "out"), *weights]) == 2
+    assert "kettle.safetensors" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_bag_is_not_overwritten_by_its_own_run(frames_bag: Path, capsys) -> None:
