@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from neuse.errors import InputError
+from neuse.geometry import Array
 from neuse.records import OdometrySample, RgbdFrame
 from neuse_bags import topics
 from neuse_bags.conversions import (
@@ -19,10 +20,11 @@ from neuse_bags.conversions import (
 from neuse_bags.mcap_file import BagReader, BagWriter
 from neuse_encoder_node.conversions import frame_from_msgs, header_to_msg, instances_to_msg, stamp_from_msg
 from neuse_encoder_node.stamps import StampJoin
-from neuse_slam_node.poses import transform_from_msg
+from neuse_slam_node.conversions import odometry_from_msg
 
 JOINED = tuple(topic.name for topic in (topics.DEPTH, topics.MASK, topics.INSTANCES, topics.DEPTH_INFO))
 JOIN_CAPACITY = 100
+IDENTITY = np.eye(4)
 
 
 def write_frame(writer: BagWriter, frame: RgbdFrame, namespace: str = "") -> None:
@@ -93,9 +95,19 @@ class OdometryTrack:
         return self._samples[int(np.argmin(np.abs(self._stamps_ns - stamp_ns)))]
 
 
-def read_odometry(bag: BagReader) -> OdometryTrack:
-    """The odometry of a bag; empty where it has none."""
-    messages = (message.decode() for message in bag.messages([topics.ODOMETRY.name]))
-    return OdometryTrack(
-        [OdometrySample(stamp_from_msg(m.header.stamp), transform_from_msg(m.pose.pose)) for m in messages]
-    )
+def read_odometry(
+    bag: BagReader, refuse: Callable[[InputError], None], T_child_camera: Array = IDENTITY
+) -> OdometryTrack:
+    """The odometry of a bag, of the camera; empty where it has none.
+
+    Args:
+        refuse: told of each message whose pose is none.
+        T_child_camera: (4, 4) pose of the camera in the odometry's child frame.
+    """
+    samples = []
+    for message in bag.messages([topics.ODOMETRY.name]):
+        try:
+            samples.append(odometry_from_msg(message.decode(), T_child_camera))
+        except InputError as error:
+            refuse(error)
+    return OdometryTrack(samples)

@@ -11,14 +11,16 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from neuse.embedding.embedding import load_embeddings, shipped_categories
+from neuse.embedding.embedding import load_embeddings
 from neuse.errors import BagError, InputError
+from neuse.geometry import Array
 from neuse.pipeline import Pipeline
 from neuse_bags import topics
 from neuse_bags.cli import add_weights, command_parser, run_command, stop_on_signal
 from neuse_bags.evaluate import RECORDING, evaluate_recording, refuse_overwriting
-from neuse_bags.frames import JOINED, read_frames, read_odometry
+from neuse_bags.frames import IDENTITY, JOINED, read_frames, read_odometry
 from neuse_bags.mcap_file import BagReader, BagWriter
+from neuse_bags.parameter_file import NodeParams, read_node_params
 from neuse_bags.run_recorder import RunRecorder
 
 
@@ -35,14 +37,19 @@ class Faults:
         self.counts[error.reason] += 1
 
 
-def run_pipeline(bag: BagReader, writer: BagWriter, pipeline: Pipeline) -> Counter[str]:
+def run_pipeline(
+    bag: BagReader, writer: BagWriter, pipeline: Pipeline, T_child_camera: Array = IDENTITY
+) -> Counter[str]:
     """Every frame of a bag through a pipeline; returns counts of unusable input by reason.
 
+    Args:
+        T_child_camera: (4, 4) pose of the camera in the odometry's child frame.
     Raises:
         BagError: the bag has no frame that can be used.
         KeyboardInterrupt: stopped by a signal; what was written is whole.
     """
-    faults, recorder, odometry = Faults(), RunRecorder(writer, pipeline), read_odometry(bag)
+    faults, recorder = Faults(), RunRecorder(writer, pipeline)
+    odometry = read_odometry(bag, faults.add, T_child_camera)
     total = bag.topics[JOINED[0]].n_messages
     with stop_on_signal() as stop:
         for frame in tqdm(read_frames(bag, faults.add), total=total, unit="frame"):
@@ -61,12 +68,15 @@ def run_pipeline(bag: BagReader, writer: BagWriter, pipeline: Pipeline) -> Count
 
 def run(args: argparse.Namespace) -> None:
     """The command."""
-    recording, embeddings = args.out / RECORDING, load_embeddings([*shipped_categories(), *args.weights])
+    recording = args.out / RECORDING
+    params = read_node_params(args.params_file) if args.params_file else NodeParams()
+    embeddings = load_embeddings([*params.encoder_node.weights, *args.weights], params.encoder_node.device)
     refuse_overwriting(args.bag, recording)
     with BagReader(args.bag) as bag:
         bag.require(JOINED)
         with BagWriter(recording) as writer:
-            faults = run_pipeline(bag, writer, Pipeline(embeddings=embeddings))
+            pipeline = Pipeline(params.pipeline, embeddings)
+            faults = run_pipeline(bag, writer, pipeline, params.slam_node.camera_pose)
     for reason, count in faults.items():
         print(f"run: {count} x {reason}", file=sys.stderr)
     print(evaluate_recording(recording, args.bag, args.out, args.weights))
@@ -78,6 +88,12 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("bag", type=Path, metavar="BAG", help=".mcap file or rosbag2 folder")
     made.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write into")
     add_weights(made)
+    made.add_argument(
+        "--params-file",
+        type=Path,
+        metavar="YAML",
+        help="parameters, as the nodes take them",
+    )
     return made
 
 

@@ -11,7 +11,7 @@ from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 
 from neuse.errors import InputError, ParamError
-from neuse.geometry import transform_from_quaternion
+from neuse.geometry import Array, transform_from_quaternion
 from neuse.params import param
 from neuse.records import NO_ID, OdometrySample, TrackedFrame
 from neuse.slam.feedback import DELAY_S, ChangeFeedback
@@ -66,6 +66,11 @@ class SlamNodeParams(StageParams):
                 f"parameter T_child_camera = {self.T_child_camera} is no pose; give x, y, z, qx, qy, qz, qw"
             )
 
+    @property
+    def camera_pose(self) -> Array:
+        """(4, 4) T_child_camera."""
+        return transform_from_quaternion(self.T_child_camera[3:], self.T_child_camera[:3])
+
 
 class SlamNode(StageNode):
     """Tracks the camera against the objects. Frames wait for their odometry, changes for their delay."""
@@ -79,7 +84,7 @@ class SlamNode(StageNode):
         self._joiner = Joiner(self._slam, params.joining)
         self._match = OdometryMatch(params.odometry_wait_s, params.restart_s)
         self._feedback = ChangeFeedback(params.feedback_delay_s)
-        self._T_child_camera = transform_from_quaternion(params.T_child_camera[3:], params.T_child_camera[:3])
+        self._T_child_camera = params.camera_pose
         self._map_frame = make_broadcaster(self, params.map_frame) if params.broadcast_tf else None
         self._odometry_topic = self.resolve_topic_name("odom")
         self._camera_frame = self._odom_frame = ""

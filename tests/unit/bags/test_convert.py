@@ -16,7 +16,7 @@ def test_folder_becomes_a_bag_that_gives_the_same_frames(picture_folder, tmp_pat
     assert main([str(folder), "--out", str(tmp_path / "own.mcap")]) == 0
     with BagReader(tmp_path / "own.mcap") as bag:
         frames = list(read_frames(bag, pytest.fail))
-        assert read_odometry(bag).at(0).T_odom_camera[2, 3] == 3.0
+        assert read_odometry(bag, pytest.fail).at(0).T_odom_camera[2, 3] == 3.0
         assert "/ground_truth/odometry" not in bag.topics
         assert bag.topics["/color/image"].n_messages == 2
     assert [frame.stamp_ns for frame in frames] == [1_000_000_000, 2_200_000_000]

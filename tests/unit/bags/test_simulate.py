@@ -114,7 +114,7 @@ def test_command_writes_a_bag_of_frames_odometry_and_truth(tmp_path: Path, capsy
     with BagReader(out) as bag:
         frames = list(read_frames(bag, pytest.fail))
         assert len(frames) == 2
-        assert read_odometry(bag).at(0) is not None
+        assert read_odometry(bag, pytest.fail).at(0) is not None
         assert bag.topics["/color/image"].n_messages == 2
     assert f"{out}: 2 frames" in capsys.readouterr().out
     truth = read_truth(out)
