@@ -3,6 +3,7 @@
 import io
 import itertools
 import json
+import math
 import shutil
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
@@ -29,6 +30,7 @@ from neuse_bags.convert import open_source
 from neuse_bags.frames import read_frames, write_frame
 from neuse_bags.inspection import inspect_bag
 from neuse_bags.mcap_file import BagReader, BagWriter
+from neuse_bags.parameter_file import read_node_params
 from neuse_bags.recording import read_estimate, read_truth
 from neuse_bags.renamed import read_names
 from neuse_encoder_node.conversions import observed_frame_to_msg
@@ -41,6 +43,16 @@ from .spoiling import spoiled_bytes, spoiled_json, spoiled_text
 from .target import Target
 
 MESHES = ("obj", "ply", "stl", "glb")
+PARAMETER_FILE = """
+/**:
+  ros__parameters: {use_sim_time: true, queue_size: 5}
+/a/slam_node:
+  ros__parameters:
+    T_child_camera: [0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 1.0]
+    slam: {mode: edges, odometry: {sigma_translation_m: 0.01}, use_ambiguous: false}
+encoder_node:
+  ros__parameters: {weights: [mug, bottle], encoder.min_points: 30}
+"""
 _numbers = itertools.count()
 
 
@@ -54,6 +66,7 @@ def file_targets(folder: Path) -> Iterator[Target]:
     yield Target(
         "remap table", spoiled_text("/a/b: /depth/image\n/c: /segmentation/mask\n"), _read_table(folder)
     )
+    yield Target("parameter file", spoiled_text(PARAMETER_FILE), _read_parameters(folder))
 
 
 def _map_targets(folder: Path) -> Iterator[Target]:
@@ -253,6 +266,15 @@ def _read_table(folder: Path) -> Callable[[str], None]:
         path.write_text(text, errors="replace")
         names = read_names([str(path)])
         assert all(isinstance(word, str) for word in [*names, *names.values()])
+
+    return read
+
+
+def _read_parameters(folder: Path) -> Callable[[str], None]:
+    def read(text: str) -> None:
+        path = folder / "params.yaml"
+        path.write_text(text, errors="replace")
+        assert all(map(math.isfinite, read_node_params(path).slam_node.camera_pose.flat))
 
     return read
 
