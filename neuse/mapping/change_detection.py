@@ -17,6 +17,8 @@ from neuse.params import CheckedParams, param
 from neuse.records import ChangeKind, ObjectChange
 
 _SAME_PLACE_M = 0.02  # an object that came back to its own place has not moved
+_SHIFT_M = 0.1  # nearer than this to the place of an object gone, another may have taken that place:
+_SHIFT_LIKENESS = 3.0  # so much more like itself must an object look that was only shifted
 
 
 @dataclass(frozen=True)
@@ -27,8 +29,11 @@ class ChangeParams(CheckedParams):
     pending_s: float = param(
         60.0, "an object come is held back this long while it may be from a place not seen since, s", 0.0, 1e6
     )
-    similarity_min: float = param(
-        0.97, "least cosine of the averaged descriptors of an object at its old and its new place", -1.0, 1.0
+    move_likeness: float = param(
+        3.0,
+        "least evidence (log likelihood ratio) that a newcomer is an object gone, not one of twenty like it",
+        -100.0,
+        100.0,
     )
     memory_s: float = param(120.0, "an object reported this long ago explains no newcomer, s", 0.0, 1e6)
 
@@ -65,7 +70,7 @@ class ChangeDetector:
         self._removal_ns = int(params.removal_s * 1e9)
         self._pending_ns = int(params.pending_s * 1e9)
         self._memory_ns = int(params.memory_s * 1e9)
-        self._similarity_min = params.similarity_min
+        self._move_likeness = params.move_likeness
         self._gone: dict[int, _Open] = {}
         self._come: dict[int, _Open] = {}
 
@@ -112,7 +117,7 @@ class ChangeDetector:
         return moves
 
     def _candidates(self, library: ObjectLibrary, stamp_ns: int, final: bool) -> list[tuple[float, int, int]]:
-        """(similarity, newcomer, object) of all pairs that may be one object.
+        """(likeness, newcomer, object) of all pairs that may be one object.
 
         Objects whose places have not been seen since the newcomer came are candidates until it is late.
         """
@@ -122,19 +127,20 @@ class ChangeDetector:
             waits = not final and entry.reported_ns is None and not self._is_late(entry, stamp_ns)
             for known in library:
                 if known.object_id in self._gone or (waits and known.is_present):
-                    similarity = self._similarity(newcomer, known)
-                    if similarity >= self._similarity_min:
-                        pairs.append((similarity, newcomer_id, known.object_id))
+                    likeness = self._likeness(newcomer, known)
+                    if likeness >= self._move_likeness:
+                        pairs.append((likeness, newcomer_id, known.object_id))
         return pairs
 
-    def _similarity(self, newcomer: ObjectRecord, known: ObjectRecord) -> float:
-        """Cosine of the descriptors, -1 where one object cannot be the other."""
+    def _likeness(self, newcomer: ObjectRecord, known: ObjectRecord) -> float:
+        """Evidence that the newcomer is the known object, from elsewhere."""
         both_seen = known.last_tick >= newcomer.since_tick
         if both_seen or newcomer.object_id in self._gone:
-            return -1.0
-        if np.linalg.norm(newcomer.center - known.center) <= _SAME_PLACE_M:
-            return -1.0
-        return newcomer.similarity(known)
+            return -np.inf
+        distance_m = np.linalg.norm(newcomer.center - known.center)
+        if distance_m <= _SAME_PLACE_M:
+            return -np.inf
+        return newcomer.likeness(known) - (_SHIFT_LIKENESS if distance_m <= _SHIFT_M else 0.0)
 
     def _is_late(self, entry: _Open, stamp_ns: int) -> bool:
         return stamp_ns - entry.since_ns >= self._pending_ns

@@ -7,9 +7,10 @@ from pathlib import Path
 import trimesh
 
 from neuse.geometry import Array
-from neuse.mapping.change_detection import ChangeDetector, ChangeParams, Move, settled_changes
+from neuse.mapping.change_detection import ChangeDetector, ChangeParams, Move
 from neuse.mapping.evidence import Evidence
 from neuse.mapping.free_space import FreeSpaceParams
+from neuse.mapping.history import History
 from neuse.mapping.keyframe_memory import KeyframeMemory, SeenKeyframe
 from neuse.mapping.map_file import load_map, save_map
 from neuse.mapping.newcomers import Judge, NewcomerParams, Origin
@@ -66,8 +67,8 @@ class ObjectMapper:
         params = self._params
         self._tick, self._stamp_ns = 0, 0
         self.history: tuple[ObjectChange, ...] = ()  # of a loaded map, before the present run
-        self._changes: list[ObjectChange] = []
         self._memory = KeyframeMemory(params.max_depth_keyframes)
+        self._reports = History(self._memory.poses)
         self._library = ObjectLibrary()
         self._meshes = MeshCache(self._reconstruct, params.redecode_rms_m)
         self._shapes = Shapes(self._library, self._meshes)
@@ -100,8 +101,8 @@ class ObjectMapper:
 
     @property
     def changes(self) -> tuple[ObjectChange, ...]:
-        """All changes so far, without reports that a later one has superseded."""
-        return settled_changes(self._changes)
+        """All changes so far as the map has them now, without reports that a later one has superseded."""
+        return self._reports.changes
 
     @property
     def object_map(self) -> ObjectMap:
@@ -244,7 +245,6 @@ class ObjectMapper:
         changes += [self._move(move) for move in decision.moves]
         changes += [self._change(object_id, ChangeKind.ADDED) for object_id in decision.added]
         changes += [self._change(object_id, ChangeKind.REMOVED) for object_id in decision.removed]
-        self._changes += changes
         return tuple(changes)
 
     def _note_presence(self) -> list[ObjectChange]:
@@ -265,24 +265,21 @@ class ObjectMapper:
     def _change(self, object_id: int, kind: ChangeKind) -> ObjectChange:
         """Mark an object as added or removed."""
         record = self._library.records[object_id]
-        T_map_object = record.code.T_frame_object
-        before, after = (None, T_map_object) if kind == ChangeKind.ADDED else (T_map_object, None)
-        record.status = ObjectStatus.ADDED if kind == ChangeKind.ADDED else ObjectStatus.REMOVED
-        return ObjectChange(self._stamp_ns, kind, object_id, record.category, before, after)
+        added = kind == ChangeKind.ADDED
+        record.status = ObjectStatus.ADDED if added else ObjectStatus.REMOVED
+        return self._reports.report(
+            self._stamp_ns, kind, record, None if added else record, record if added else None
+        )
 
     def _move(self, move: Move) -> ObjectChange:
         """Let an object take over the place of the newcomer that it is."""
-        record = self._library.records[move.object_id]
-        T_map_before = record.code.T_frame_object
+        record, newcomer = (self._library.records[i] for i in (move.object_id, move.newcomer_id))
+        change = self._reports.report(self._stamp_ns, ChangeKind.MOVED, record, record, newcomer)
         self._library.move(move.object_id, move.newcomer_id)
         self._newcomers.discard(move.object_id)
         self._presence.forget(move.object_id)
         self._forget(move.newcomer_id)
-        T_map_after = record.code.T_frame_object
-        return ObjectChange(
-            self._stamp_ns, ChangeKind.MOVED, record.object_id, record.category, T_map_before, T_map_after,
-            merged_id=move.newcomer_id,
-        )  # fmt: skip
+        return change
 
     def _forget(self, object_id: int) -> None:
         """An id that has become an alias leaves no evidence behind."""

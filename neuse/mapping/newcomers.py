@@ -33,14 +33,14 @@ class NewcomerParams(CheckedParams):
     )
     max_evidence_keyframes: int = param(24, "earlier keyframes that are looked up for a newcomer", 1, 10000)
     min_shift_share: float = param(
-        0.15, "share of an object's points that must be seen free where another displaced it", 0, 1
-    )
-    similarity_min: float = param(
-        0.95, "cosine of descriptors above which two shapes are alike (delta_shape of NeuSE IV-B)", -1, 1
+        0.15, "share of an object's points that must be seen free where it was shifted, or displaced", 0.01, 1
     )
     same_place_m: float = param(0.03, "objects of like shape this near to each other are one, m", 0.0, 1.0)
-    different_below: float = param(
-        0.92, "cosine of descriptors below which two objects in one place are certainly not the same", -1, 1
+    same_surface: float = param(
+        2.0, "evidence (log likelihood ratio) of one object where no point of its place is seen free", 0, 100
+    )
+    exchange_s: float = param(
+        1.0, "nothing takes the place of an object within this time of a sure sight of it, s", 0, 1e6
     )
 
 
@@ -122,8 +122,7 @@ class Judge:
 
     def _is_same(self, later: ObjectRecord, older: ObjectRecord) -> bool:
         distance_m = np.linalg.norm(later.center - older.center)
-        alike = later.similarity(older) >= self._params.similarity_min
-        return bool(distance_m <= self._params.same_place_m) and alike
+        return bool(distance_m <= self._params.same_place_m) and later.likeness(older) >= 0.0
 
     def _neighbours(self, newcomer: ObjectRecord, among: Iterable[ObjectRecord]) -> list[ObjectRecord]:
         """Older objects whose box may touch the newcomer's, nearest first."""
@@ -142,10 +141,10 @@ class Judge:
 
         While both are seen, nothing has changed: two objects in one place are one, whatever it looked like.
         """
-        alike = newcomer.similarity(known) >= self._params.similarity_min
         still_seen = known.last_tick >= newcomer.since_tick
-        votes = [self._evidence.agrees(view, known) for view in views] if alike or still_seen else []
-        if 2 * votes.count(True) > len(votes) - votes.count(None):
+        votes = [self._evidence.agrees(view, known) for view in views]
+        in_place = 2 * votes.count(True) > len(votes) - votes.count(None)
+        if in_place and (still_seen or not self._is_other(newcomer, known, views)):
             return True
         return still_seen and self._is_partial(newcomer, known)
 
@@ -164,18 +163,33 @@ class Judge:
     ) -> bool:
         """The newcomer stands in the place of an older object that has not been seen since.
 
-        Boxes alone cannot tell a new object from an old one that is badly seen, so depth has to show a
-        difference too, unless the shapes are nothing alike.
+        Boxes alone cannot tell a new object from an old one that is badly seen: depth or the shapes must.
         """
         if known.last_tick >= newcomer.since_tick or _known_since(views) > known.last_tick:
             return False
         if not is_displaced(self._box(known), self._box(newcomer), self._upkeep):
             return False
-        if newcomer.similarity(known) < self._params.different_below:
-            return True
+        shifted = self._shift_share(newcomer, known, views) >= self._params.min_shift_share
+        return shifted or self._is_other(newcomer, known, views)
+
+    def _is_other(self, newcomer: ObjectRecord, known: ObjectRecord, views: Sequence[AnchoredView]) -> bool:
+        """Whether shapes, depth and time together tell the newcomer from an object in the same place."""
+        evidence = newcomer.likeness(known)
+        if evidence >= 0.0 or evidence == -np.inf:
+            return evidence < 0.0
+        shift = self._shift_share(newcomer, known, views) / self._params.min_shift_share
+        evidence += self._params.same_surface * max(1.0 - shift, 0.0)
+        if newcomer.first_seen_ns - known.last_sure_ns <= self._params.exchange_s * 1e9:
+            evidence += self._params.same_surface
+        return evidence < 0.0
+
+    def _shift_share(
+        self, newcomer: ObjectRecord, known: ObjectRecord, views: Sequence[AnchoredView]
+    ) -> float:
+        """Share of the newcomer's place seen free before it came, or of the older object's since then."""
         before = self._sights_before(newcomer, views, known.last_tick + 1)
         after = self._evidence.sights(known.points, [view.keyframe for view in views], known)
-        return max(free_share(before), free_share(after)) >= self._params.min_shift_share
+        return max(free_share(before), free_share(after))
 
     def _was_free(self, newcomer: ObjectRecord, views: Sequence[AnchoredView]) -> bool:
         """Earlier keyframes saw through the place, until something came that has been there since."""

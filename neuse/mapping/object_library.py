@@ -79,8 +79,10 @@ class ObjectLibrary:
         self.aliases[duplicate_id] = into_id
         kept.first_seen_ns = min(kept.first_seen_ns, duplicate.first_seen_ns)
         kept.n_observations += duplicate.n_observations
+        kept.take_views(duplicate)
         if duplicate.last_tick > kept.last_tick:
-            kept.last_tick, kept.last_seen_ns = duplicate.last_tick, duplicate.last_seen_ns
+            kept.last_tick, kept.last_sure_ns = duplicate.last_tick, duplicate.last_sure_ns
+            kept.last_seen_ns = duplicate.last_seen_ns
 
     def move(self, object_id: int, newcomer_id: int) -> None:
         """The newcomer is this object at a new place: it takes over the newcomer's views there."""

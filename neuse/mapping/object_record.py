@@ -8,9 +8,11 @@ import numpy as np
 from neuse.embedding.code import Code
 from neuse.geometry import Array, transform_points
 from neuse.mapping.keyframe_memory import most_redundant
+from neuse.mapping.likeness import likeness
 from neuse.mapping.views import View, average_codes
 from neuse.records import NO_ID, MapObject, ObjectStatus
 
+_NEVER_NS = -(2**62)
 _VIEWS_OF_PLACE = 6  # so many views show an object's surface from all sides
 
 
@@ -19,7 +21,7 @@ class ObjectRecord:
     """One object. Ticks are steps of the mapper; `views` go by keyframe id, `poses` are the keyframes'.
 
     since_tick: first step at its present place.    last_tick: latest step that saw it there for sure.
-    seen_well: some view told its shape.
+    seen_well: some view told its shape.    last_sure_ns: stamp of the step `last_tick`.
     """
 
     object_id: int
@@ -33,6 +35,7 @@ class ObjectRecord:
     status: ObjectStatus = ObjectStatus.UNCHANGED
     views: dict[int, View] = field(default_factory=dict)
     seen_well: bool = False
+    last_sure_ns: int = _NEVER_NS
     _code: Code | None = None
     _center: Array | None = None
     _points: Array | None = None
@@ -59,10 +62,15 @@ class ObjectRecord:
         return self._center
 
     @property
+    def latest_keyframe_id(self) -> int:
+        """The keyframe of the latest view that is kept."""
+        return next(reversed(self.views))
+
+    @property
     def rough_center(self) -> Array:
         """(3,) centre in the map frame by the latest view alone: right to centimetres, and cheap."""
-        keyframe_id, view = next(reversed(self.views.items()))
-        return transform_points(self.poses[keyframe_id], view.center)
+        keyframe_id = self.latest_keyframe_id
+        return transform_points(self.poses[keyframe_id], self.views[keyframe_id].center)
 
     @property
     def points(self) -> Array:
@@ -83,11 +91,9 @@ class ObjectRecord:
         """Distance of the farthest observed point from the centre: a radius that needs no decoding."""
         return float(np.linalg.norm(self.points - self.center, axis=1).max())
 
-    def similarity(self, other: "ObjectRecord") -> float:
-        """Cosine of the averaged descriptors; -1 across categories, and for another network's."""
-        own, others = self.code.descriptor, other.code.descriptor
-        comparable = self.category == other.category and len(own) == len(others)
-        return float(own @ others) if comparable else -1.0
+    def likeness(self, other: "ObjectRecord") -> float:
+        """Evidence that both have one shape (see `likeness.likeness`)."""
+        return likeness(self.code, other.code)
 
     def seen(self, tick: int, stamp_ns: int, tells_shape: bool = True) -> None:
         """The object was matched at its place.
@@ -98,7 +104,7 @@ class ObjectRecord:
         self.last_seen_ns = stamp_ns
         self.n_observations += 1
         if tells_shape or not self.seen_well:
-            self.last_tick = tick
+            self.last_tick, self.last_sure_ns = tick, stamp_ns
         self.seen_well |= tells_shape
 
     def add_view(self, keyframe_id: int, view: View, max_views: int) -> None:
@@ -109,6 +115,15 @@ class ObjectRecord:
         if len(self.views) > max_views:
             ids = list(self.views)
             del self.views[ids[most_redundant(ids)]]
+        self.invalidate()
+
+    def take_views(self, duplicate: "ObjectRecord") -> None:
+        """Keep the views of a record of the same object beside the own ones, no more than the larger had."""
+        most = max(len(self.views), len(duplicate.views), 3)
+        views = duplicate.views | self.views
+        self.views = {}
+        for keyframe_id in sorted(views):
+            self.add_view(keyframe_id, views[keyframe_id], most)
         self.invalidate()
 
     def invalidate(self) -> None:

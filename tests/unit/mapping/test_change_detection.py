@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,6 +47,24 @@ def test_object_gone_and_newcomer_of_its_shape_are_a_move(detector):
     detector.note_come(2, 0)
     assert decide(detector, library) == ([Move(1, 2)], [], [])
     assert decide(detector, library, final=True) == NOTHING
+
+
+@pytest.mark.parametrize(("cosine", "has_moved"), [(0.995, True), (0.95, False)])
+def test_object_hardly_shifted_must_look_the_same_or_else_another_stands_there(detector, cosine, has_moved):
+    library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
+    known, newcomer = library.records[1], library.records[2]
+    own = known.code.descriptor
+    across = np.linalg.qr(np.stack([own, np.ones_like(own)], axis=1))[0][:, 1]
+    T = known.code.T_frame_object.copy()
+    T[0, 3] += 0.05
+    code = make_code(standing("thing", 0.0, 0.0, seed=5), T, np.random.default_rng(0), 0.0)
+    code = replace(code, descriptor=cosine * own + np.sqrt(1.0 - cosine**2) * across)
+    newcomer.views.clear()
+    newcomer.add_view(NO_ID, View(code, code.center[None]), 10)
+    detector.note_gone(1, 0)
+    detector.note_come(2, 0)
+    expected = ([Move(1, 2)], [], []) if has_moved else ([], [2], [])
+    assert decide(detector, library) == expected
 
 
 def test_newcomer_of_another_shape_is_added_at_once_and_the_gone_one_removed_later(detector):

@@ -110,13 +110,6 @@ def frame_with(observations):
     return TrackedFrame(0, np.eye(4), np.eye(6), tuple(observations), CAMERA, np.ones(COARSE, np.float32))
 
 
-def test_objects_of_different_categories_are_never_similar():
-    mug, other = record(1, poses(1)), record(2, poses(1))
-    assert mug.similarity(other) == pytest.approx(1.0)
-    other.category = "bottle"
-    assert mug.similarity(other) == -1.0
-
-
 def test_place_that_an_object_left_stays_known_and_follows_its_keyframes():
     library = ObjectLibrary()
     here, there = record(1, poses(2), since_tick=1, last_tick=5), record(2, poses(2, seed=5), last_tick=12)
