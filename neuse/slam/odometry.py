@@ -20,7 +20,9 @@ class OdometryParams(CheckedParams):
     use: str = param(
         "always", "always: an odometry edge between all keyframes; blind: only where no object ties them"
     )
-    adapt: bool = param(True, "learn the noise from motions that objects tell as well; false: as stated")
+    adapt: bool = param(
+        True, "learn its noise beside objects and refuse what they contradict; false: as stated"
+    )
     sigma_rotation_rad: float = param(0.003, "noise of an increment from frame to frame, rad", 1e-6, 1.0)
     sigma_translation_m: float = param(0.05, "noise of an increment from frame to frame, metres", 1e-6, 10.0)
     max_age_s: float = param(0.05, "a sample further than this from the frame's stamp is not used", 0.0, 10.0)

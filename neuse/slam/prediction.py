@@ -41,7 +41,7 @@ class Predictor:
         if motion is None or self._reference is None:
             return fix, [Guess.after(last, free)]
         guesses = [Guess.after(self._reference[1], motion)]
-        if self._T_before_last is not None:
+        if self.params.adapt and self._T_before_last is not None:
             guesses.append(Guess.after(last, Motion(self._T_before_last, free.covariance)))
         return fix, guesses
 

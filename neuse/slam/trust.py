@@ -1,8 +1,8 @@
-"""How far odometry is to be trusted, learned from motions that objects tell as well.
+"""How far motions told by others are to be trusted, learned from motions that objects tell as well.
 
-What odometry and objects say of one motion differs by the errors of both. Those of objects are known, so that
-the differences tell the noise of odometry (Mehra, On the identification of variances and adaptive Kalman
-filtering, 1970); old ones fade (Sage and Husa, 1969).
+What odometry, say, and objects tell of one motion differs by the errors of both. Those of objects are known,
+so that the differences tell the noise of odometry (Mehra, On the identification of variances and adaptive
+Kalman filtering, 1970); old ones fade (Sage and Husa, 1969).
 """
 
 from dataclasses import replace
