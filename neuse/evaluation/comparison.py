@@ -17,8 +17,7 @@ from neuse.evaluation.relocalization import Return, return_figures, return_of, s
 from neuse.evaluation.run import run_encoded
 from neuse.evaluation.table import Table, command
 from neuse.evaluation.trajectory import FramePose, Trajectory, trajectory_of
-from neuse.params import build
-from neuse.pipeline import Pipeline, PipelineParams
+from neuse.pipeline import Pipeline
 from neuse.records import OdometrySample
 
 SOURCES = (
@@ -30,10 +29,6 @@ SOURCES = (
 PRESETS = ("four-round", "triple-infinity")
 GEOMETRIC_PRESETS = ("synthetic-planar", "synthetic-nonplanar", *PRESETS)
 
-NOISE = {  # of an increment from frame to frame, as measured on worlds of seeds from 100 on: rad, metres
-    SCANS: (0.003, 0.003),
-    FEATURES: (0.007, 0.01),
-}
 PAPER = {  # ORB-SLAM3 joined with NeuSE; the others alone
     "four-round": "0.079 (ORB-SLAM3 0.118, CubeSLAM 0.131, EM-Fusion 0.154, objects 0.111)",
     "triple-infinity": "0.082 (ORB-SLAM3 0.101, CubeSLAM 0.147, EM-Fusion 0.193, objects 0.106)",
@@ -53,13 +48,9 @@ class SeededResults(Protocol):
         """Figures of one of OTHERS."""
 
 
-def run_joined(world: EncodedWorld, external: ExternalRun, noise: tuple[float, float]) -> Estimate:
-    """Ours with the odometry and the loop closures of an external SLAM, each at its time.
-
-    noise: of the odometry's increments, rad and metres.
-    """
-    sigmas = {"slam.odometry.sigma_rotation_rad": noise[0], "slam.odometry.sigma_translation_m": noise[1]}
-    pipeline, frames = Pipeline(build(PipelineParams(), sigmas)), list[FramePose]()
+def run_joined(world: EncodedWorld, external: ExternalRun) -> Estimate:
+    """Ours with the odometry and the loop closures of an external SLAM, each at its time."""
+    pipeline, frames = Pipeline(), list[FramePose]()
     for observed, odometry, closures in zip(world.frames, external.odometry, external.closures, strict=True):
         frames.append(FramePose.of(pipeline.track(observed, odometry).tracked))
         pipeline.slam.add_external_edges(closures)
@@ -81,7 +72,7 @@ def external_figures(world: EncodedWorld, folder: Path) -> Figures:
     externals = external_runs(world.preset, world.seed, folder, length)
     figures = {"odometry": _ate_m(odometry_path(world.odometry), world)}
     for name, external in externals.items():
-        joined = run_joined(world, external, NOISE[name])
+        joined = run_joined(world, external)
         figures[f"{name}, odometry"] = _ate_m(odometry_path(external.odometry), world)
         figures[name] = _ate_m(external.trajectory, world)
         figures[f"{name}, joined"] = _ate_m(joined.trajectory(), world)

@@ -6,7 +6,7 @@ from neuse.params import build
 from neuse.pipeline import PipelineParams
 
 CODES_ALONE = {"slam.refinement.lags": 0}
-PAPER = {"slam.mode": "edges", "slam.odometry.use": "blind"} | CODES_ALONE
+PAPER = {"slam.mode": "edges", "slam.odometry.use": "blind", "slam.odometry.adapt": False} | CODES_ALONE
 MUGS = {"slam.use_ambiguous": False}
 NEVER_S = 1e9
 OPEN_GATES = {

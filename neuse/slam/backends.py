@@ -103,7 +103,7 @@ class LandmarkBackend(_Base):
         self.graph.add_pose(record.keyframe_id, T_map_camera)
         for edge in ties:
             if edge.kind == EdgeKind.ODOMETRY:
-                self.graph.add_edge(edge, robust=False)
+                self.graph.add_edge(edge)
                 self._add_smooth_motion(edge, T_map_camera)
 
     def _add_smooth_motion(self, along: Edge, T_map_camera: Array) -> None:

@@ -3,11 +3,43 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 from neuse.geometry import adjoint, inverse
 from neuse.records import Edge, EdgeKind
 from neuse.slam.checks import is_covariance, is_rigid
+from neuse.slam.keyframe_graph import KeyframeGraph
 from neuse.slam.keyframes import KeyframeLibrary
+from neuse.slam.odometry import Motion
+from neuse.slam.trust import Trust, contradict
+
+WITNESSES = 2  # objects in sight of a keyframe whose pose is known better than others can tell
+
+
+class ExternalEdges:
+    """Takes in edges of an external SLAM, as far as they agree with what is known already.
+
+    Its covariances are often those of a matching that has found the wrong minimum. Where the graph knows the
+    two poses, it shows how far they can be trusted elsewhere, too.
+    """
+
+    def __init__(self, tolerance_s: float, counters: Counter[str]) -> None:
+        self._tolerance_s, self._counters, self._trust = tolerance_s, counters, Trust()
+
+    def accept(self, edges: Sequence[Edge], graph: KeyframeGraph) -> list[Edge]:
+        """Those that can be used, between our keyframes, with covariances that have proved right."""
+        attached = attach(edges, graph.library, self._tolerance_s, self._counters)
+        return [edge for edge in map(partial(self._judged, graph), attached) if edge is not None]
+
+    def _judged(self, graph: KeyframeGraph, edge: Edge) -> Edge | None:
+        stated = Motion(edge.T_from_to, edge.covariance)
+        if all(len(graph.library.records[end].keys) >= WITNESSES for end in (edge.from_id, edge.to_id)):
+            known = graph.motion(edge.from_id, edge.to_id)
+            self._trust.learn(stated, known)
+            if contradict(self._trust.scaled(stated, 1.0), known):
+                self._counters["external_edge_contradicted"] += 1
+                return None
+        return replace(edge, covariance=self._trust.scaled(stated, 1.0).covariance)
 
 
 def attach(

@@ -10,6 +10,7 @@ from neuse.records import Edge, Keyframe
 from neuse.slam.backends import RECENT, Backend
 from neuse.slam.edges import EdgeBuilder, EdgeParams
 from neuse.slam.keyframes import KeyframeLibrary, KeyframeParams, KeyframeRecord
+from neuse.slam.odometry import Motion
 from neuse.slam.refinement import RefinementParams, Refiner
 from neuse.slam.track import Track
 
@@ -120,6 +121,13 @@ class KeyframeGraph:
         """(6, 6) of the last keyframe's pose, at a camera pose that is fixed to it."""
         A = adjoint(inverse(self.relative_to_last(T_map_camera)))
         return A @ self._backend.covariance(len(self.library.records) - 1) @ A.T
+
+    def motion(self, from_id: int, to_id: int) -> Motion:
+        """Between two keyframes by the last solution; as if they erred independently, so rather doubtful."""
+        T_from_to = inverse(self.library.T_map_camera[from_id]) @ self.library.T_map_camera[to_id]
+        A = adjoint(inverse(T_from_to))
+        before, after = (self._backend.covariance(keyframe_id) for keyframe_id in (from_id, to_id))
+        return Motion(T_from_to, A @ before @ A.T + after)
 
     def all(self) -> tuple[Keyframe, ...]:
         """All keyframes with their latest estimates."""

@@ -1,7 +1,7 @@
 """Odometry as a source of increments, with its faults: missing, late, repeated, jumping, backwards."""
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,9 @@ class OdometryParams(CheckedParams):
 
     use: str = param(
         "always", "always: an odometry edge between all keyframes; blind: only where no object ties them"
+    )
+    adapt: bool = param(
+        True, "learn its noise beside objects and refuse what they contradict; false: as stated"
     )
     sigma_rotation_rad: float = param(0.003, "noise of an increment from frame to frame, rad", 1e-6, 1.0)
     sigma_translation_m: float = param(0.05, "noise of an increment from frame to frame, metres", 1e-6, 10.0)
@@ -77,6 +80,12 @@ class OdometryTracker:
             self._segment += 1
         self._last = sample
         return OdometryFix(sample.T_odom_camera, self._segment, self._index)
+
+    def contradicted(self, fix: OdometryFix) -> OdometryFix:
+        """The fix of a frame that objects show elsewhere: it begins a segment, and that is counted."""
+        self.counters["odometry_contradicted"] += 1
+        self._segment += 1
+        return replace(fix, segment=self._segment)
 
     def motion(self, before: OdometryFix | None, after: OdometryFix | None) -> Motion | None:
         """Motion between two fixes, None where odometry does not tell."""

@@ -8,9 +8,12 @@ import numpy as np
 
 from neuse.geometry import Array, inverse, renormalized
 from neuse.records import Edge, EdgeKind, OdometrySample
+from neuse.slam.guesses import Guess
 from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.localization import Belief, localize
 from neuse.slam.odometry import NANOSECONDS, Motion, OdometryFix, OdometryParams, OdometryTracker
+from neuse.slam.odometry_check import OdometryCheck
+from neuse.slam.tracker import Located
 
 
 class Predictor:
@@ -19,33 +22,52 @@ class Predictor:
     def __init__(self, params: OdometryParams, counters: Counter[str]) -> None:
         self.params = params
         self._odometry = OdometryTracker(params, counters)
+        self._check = OdometryCheck(self._odometry)
         self._last_stamp_ns: int | None = None
         self._reference: tuple[OdometryFix, Belief] | None = None  # the last frame that had odometry
+        self._last = Belief(np.eye(4), np.eye(6))  # of the last frame
+        self._is_steady = False  # objects were in sight, where they were expected
+        self._T_before_last: Array | None = None  # the motion that led to the last frame, if steady
 
     def predict(
         self, last: Belief, sample: OdometrySample | None, stamp_ns: int
-    ) -> tuple[OdometryFix | None, Motion, Belief]:
-        """The frame's odometry fix, its motion since the last frame, and the belief that follows."""
+    ) -> tuple[OdometryFix | None, list[Guess]]:
+        """The frame's odometry fix, and where the camera may be: by odometry, then by going on as before."""
         fix = self._odometry.accept(sample, stamp_ns)
         elapsed_ns = 0 if self._last_stamp_ns is None else stamp_ns - self._last_stamp_ns
-        self._last_stamp_ns = stamp_ns
-        motion = self._odometry.motion(self._reference[0], fix) if self._reference else None
-        if motion is not None and self._reference is not None:
-            return fix, motion, self._reference[1].moved(motion.T_from_to, motion.covariance)
-        motion = self._odometry.free_motion(elapsed_ns * NANOSECONDS)
-        return fix, motion, last.moved(motion.T_from_to, motion.covariance)
+        self._last_stamp_ns, self._last = stamp_ns, last
+        free = self._odometry.free_motion(elapsed_ns * NANOSECONDS)
+        motion = self._check.motion(self._reference[0], fix, self._is_steady) if self._reference else None
+        if motion is None or self._reference is None:
+            return fix, [Guess.after(last, free)]
+        guesses = [Guess.after(self._reference[1], motion)]
+        if self.params.adapt and self._T_before_last is not None:
+            guesses.append(Guess.after(last, Motion(self._T_before_last, free.covariance)))
+        return fix, guesses
+
+    def judge(self, fix: OdometryFix | None, located: Located) -> OdometryFix | None:
+        """The fix, in a new segment if objects have been found elsewhere than where odometry led."""
+        self._is_steady = not located.blind and not located.relocalized
+        if fix is None or self._reference is None or not located.surprised:
+            return fix
+        before, belief = self._reference
+        seen = Motion(inverse(belief.T_map_camera) @ located.belief.T_map_camera, located.belief.covariance)
+        return self._odometry.contradicted(fix) if self._check.is_refuted(before, fix, seen) else fix
 
     def settle(self, fix: OdometryFix | None, belief: Belief) -> None:
         """Note the frame's final pose as a start for the next prediction."""
+        T_before_last = renormalized(inverse(self._last.T_map_camera) @ belief.T_map_camera)
+        self._T_before_last = T_before_last if self._is_steady else None
         if fix is not None:
             self._reference = (fix, belief)
 
     def correct(self, T_map_before: Array, T_map_after: Array) -> None:
         """The map has moved under the camera: what was at T_map_before is at T_map_after."""
+        T_after_before = T_map_after @ inverse(T_map_before)
+        self._last = _moved(self._last, T_after_before)
         if self._reference is not None:
             fix, belief = self._reference
-            moved = renormalized(T_map_after @ inverse(T_map_before) @ belief.T_map_camera)
-            self._reference = (fix, replace(belief, T_map_camera=moved))
+            self._reference = (fix, _moved(belief, T_after_before))
 
     def edge(
         self, last: KeyframeRecord | None, new: KeyframeRecord, ties: Sequence[Edge]
@@ -57,7 +79,7 @@ class Predictor:
         """
         if last is None:
             return [], []
-        motion = self._odometry.motion(last.fix, new.fix)
+        motion = self._check.between(last, new, ties)
         if motion is not None and self.params.use == "always":
             return [_edge(last, new, motion)], []
         if motion is not None and not _tell_more(ties, motion):
@@ -67,6 +89,10 @@ class Predictor:
         return [], [
             _edge(last, new, self._odometry.free_motion((new.stamp_ns - last.stamp_ns) * NANOSECONDS))
         ]
+
+
+def _moved(belief: Belief, T_after_before: Array) -> Belief:
+    return replace(belief, T_map_camera=renormalized(T_after_before @ belief.T_map_camera))
 
 
 def _sharpened(motion: Motion, last: KeyframeRecord, new: KeyframeRecord) -> Motion:

@@ -27,7 +27,7 @@ from neuse.slam.association import AssociationParams
 from neuse.slam.backends import Backend, EdgeBackend, LandmarkBackend
 from neuse.slam.checks import check_choice
 from neuse.slam.edges import EdgeParams
-from neuse.slam.external import attach
+from neuse.slam.external import ExternalEdges
 from neuse.slam.instantiation import InstantiationParams
 from neuse.slam.keyframe_graph import KeyframeGraph
 from neuse.slam.keyframes import KeyframeParams, KeyframeRecord
@@ -92,6 +92,7 @@ class ObjectSlam:
         self._tracker = ObjectTracker(params.association, params.instantiation, params.use_ambiguous)
         self._predictor = Predictor(params.odometry, self.counters)
         self._graph = KeyframeGraph(params.keyframes, params.edges, params.refinement, _backend(params))
+        self._externals = ExternalEdges(params.stamp_tolerance_s, self.counters)
         self._last_stamp_ns: int | None = None
 
     def step(self, frame: ObservedFrame, odometry: OdometrySample | None) -> TrackedFrame:
@@ -107,11 +108,11 @@ class ObjectSlam:
         self.stopwatch.reset()
         usable = self._usable(frame)
         view = self._view(frame, usable)
-        fix, motion, prediction = self._predictor.predict(self._tracker.belief, odometry, frame.stamp_ns)
+        fix, guesses = self._predictor.predict(self._tracker.belief, odometry, frame.stamp_ns)
         with self.stopwatch.timed("associate"):
-            located = self._tracker.locate(view, prediction, motion)
+            located = self._tracker.locate(view, guesses)
             tracks, fresh = self._tracker.update(view, [frame.observations[i] for i in usable], located)
-        edges: list[Edge] = []
+        fix, edges = self._predictor.judge(fix, located), list[Edge]()
         rejected_before = self._graph.rejected_edges
         keyframe = (
             bool(fresh) or located.relocalized or self._graph.library.is_due(located.belief.T_map_camera)
@@ -195,14 +196,13 @@ class ObjectSlam:
         """Add edges of an external SLAM, whose ends are named by their stamps.
 
         Returns:
-            How many were accepted. Edges with unknown stamps, or whose pose or covariance is none, are
-            counted.
+            How many were accepted. Others, such as edges with unknown stamps or wrong ones, are counted.
         """
-        attached = attach(edges, self._graph.library, self.params.stamp_tolerance_s, self.counters)
-        if attached:
-            self._graph.add_external(attached)
+        accepted = self._externals.accept(edges, self._graph)
+        if accepted:
+            self._graph.add_external(accepted)
             self._solve(loop_closed=True)
-        return len(attached)
+        return len(accepted)
 
     @property
     def keyframes(self) -> tuple[Keyframe, ...]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from neuse.records import NO_ID, Observation
 from neuse.slam.association import Association, AssociationParams, associate
 from neuse.slam.completion import complete
 from neuse.slam.displacement import DisplacementWatch
+from neuse.slam.guesses import Guess, best_guess
 from neuse.slam.instantiation import (
     InstantiationParams,
     expired,
@@ -29,6 +31,7 @@ from neuse.slam.prior_map import PriorMap
 from neuse.slam.track import LastSighting, Track, heights_of, places_of
 
 START_VARIANCE = 1e-8
+LOST_COVARIANCE = np.diag([0.3**2] * 3 + [0.5**2] * 3)  # rad^2, m^2: of a prediction that objects refute
 
 
 @dataclass(frozen=True)
@@ -36,12 +39,14 @@ class Located:
     """The camera's pose in a frame and the track of each observation (None: no known place).
 
     blind: no object constrained the pose.    relocalized: the pose was found without the prediction.
+    surprised: the objects are not where the first guess led, but another.
     """
 
     belief: Belief
     tracks: tuple[Track | None, ...]
     blind: bool
     relocalized: bool
+    surprised: bool = False
 
 
 class ObjectTracker:
@@ -63,9 +68,17 @@ class ObjectTracker:
         self._drift = np.zeros(2)
         self._frame_index = 0
 
-    def locate(self, view: View, prediction: Belief, motion: Motion) -> Located:
-        """Associate the view and find the camera's pose (NeuSE IV-A, B)."""
-        now, found = self._frame_index, self._associate(view, prediction, motion)
+    def locate(self, view: View, guesses: Sequence[Guess]) -> Located:
+        """Associate the view and find the camera's pose (NeuSE IV-A, B).
+
+        guesses: where the camera may be, the most probable first; others serve where the first fails.
+        """
+        now = self._frame_index
+        expected = min(len(view), int((self.library.table.rows["last_frame"] == now).sum()))
+        guess, found = best_guess(guesses, partial(self._associate, view), now, expected)
+        prediction, motion = guess
+        if found.T_map_camera is not None:
+            prediction = Belief(found.T_map_camera, LOST_COVARIANCE)
         belief = self._localize(view, found.tracks, prediction, found.T_map_camera)
         tracks = self._candidates(view, belief.T_map_camera, found.tracks)
         settled = self.library.table.drifts(tracks, self._drift)
@@ -77,7 +90,13 @@ class ObjectTracker:
         self._advance(belief, motion)
         for track in self._watch.displaced(view, matched, tracks, belief.T_map_camera, now):
             track.retired = True
-        return Located(belief, matched, not self._used(view, matched), found.T_map_camera is not None)
+        return Located(
+            belief=belief,
+            tracks=matched,
+            blind=not self._used(view, matched),
+            relocalized=found.T_map_camera is not None,
+            surprised=guess is not guesses[0],
+        )
 
     def correct(self, T_map_camera: Array) -> None:
         """The graph knows the current pose better."""
@@ -159,7 +178,8 @@ class ObjectTracker:
             for i, row in enumerate(order)
         ]
 
-    def _associate(self, view: View, prediction: Belief, motion: Motion) -> Association:
+    def _associate(self, view: View, guess: Guess) -> Association:
+        prediction, motion = guess
         if self.association.method == "nearest":
             return associate_nearest(view, self.library.active(), self.association)
         tracks = self._candidates(view, prediction.T_map_camera)

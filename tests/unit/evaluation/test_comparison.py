@@ -51,12 +51,12 @@ def test_joined_run_takes_odometry_and_closures_of_the_external(world):
     stamps, T = truth.stamps_ns.tolist(), truth.T_frame_camera
     closure = Edge(0, 1, stamps[0], stamps[-1], EdgeKind.EXTERNAL, inverse(T[0]) @ T[-1], 1e-6 * np.eye(6))
     external = ExternalRun(world.odometry, ((),) * (FRAMES - 1) + ((closure,),), truth, 0)
-    joined = run_joined(world, external, (0.003, 0.05))
+    joined = run_joined(world, external)
     end = joined.trajectory().T_frame_camera
     moved = inverse(end[0]) @ end[-1]
     np.testing.assert_allclose(moved[:3, 3], (inverse(T[0]) @ T[-1])[:3, 3], atol=0.01)
     blind = replace(closure, T_from_to=closure.T_from_to @ np.diag([1.0, 1.0, -1.0, 1.0]))
-    ignored = run_joined(world, replace(external, closures=((),) * (FRAMES - 1) + ((blind,),)), (0.003, 0.05))
+    ignored = run_joined(world, replace(external, closures=((),) * (FRAMES - 1) + ((blind,),)))
     assert len(ignored.frames) == FRAMES  # what is no pose is not taken
 
 

@@ -8,7 +8,8 @@ import pytest
 
 from neuse.geometry import exp, inverse
 from neuse.records import Edge, EdgeKind
-from neuse.slam.external import attach
+from neuse.slam.external import WITNESSES, ExternalEdges, attach
+from neuse.slam.odometry import Motion
 
 from .test_keyframes import library_with
 
@@ -52,3 +53,57 @@ def test_edge_that_cannot_be_used_is_counted(change, reason):
     edges, counters = attached([replace(EDGE, **change)])
     assert edges == []
     assert counters == {reason: 1}
+
+
+KNOWN = np.diag([0.005] * 6) ** 2
+STATED = replace(EDGE, covariance=np.diag([0.01] * 6) ** 2)
+
+
+class Graph:
+    """A and B, as the graph knows them, and how many objects are in sight there."""
+
+    def __init__(self, objects):
+        self.library = library_with([A, B])
+        records = [replace(record, keys=np.arange(objects)) for record in self.library.records]
+        self.library.records = records
+
+    def motion(self, from_id, to_id):
+        T_map_camera = (A, B)
+        return Motion(inverse(T_map_camera[from_id]) @ T_map_camera[to_id], KNOWN)
+
+
+def accepted(errors, objects=WITNESSES):
+    """What is taken in of edges that are off by exp(error), and the counters."""
+    counters: Counter[str] = Counter()
+    external, graph = ExternalEdges(1e-8, counters), Graph(objects)
+    edges = [replace(STATED, T_from_to=STATED.T_from_to @ exp(error)) for error in errors]
+    return [external.accept([edge], graph) for edge in edges], counters
+
+
+def noise(sigma, n=60):
+    return sigma * np.random.default_rng(0).normal(size=(n, 6))
+
+
+def test_edges_that_agree_with_what_objects_show_are_taken_as_stated():
+    edges, counters = accepted(noise(0.01))
+    assert all(len(each) == 1 for each in edges)
+    np.testing.assert_allclose(np.diag(edges[-1][0].covariance), np.diag(STATED.covariance), rtol=0.6)
+    assert not counters
+
+
+def test_edge_that_objects_contradict_is_refused_and_counted():
+    edges, counters = accepted([np.zeros(6), np.array([0, 0, 0, 1.0, 0, 0])])
+    assert [len(each) for each in edges] == [1, 0]
+    assert counters == {"external_edge_contradicted": 1}
+
+
+def test_overconfident_edges_lose_their_weight():
+    edges, _ = accepted(noise(0.05))
+    sigmas = np.sqrt(np.diag(edges[-1][0].covariance))
+    np.testing.assert_allclose(sigmas, 0.05, rtol=0.5)
+
+
+def test_where_no_objects_are_edges_tell_what_nobody_else_does():
+    edges, counters = accepted([np.array([0, 0, 0, 1.0, 0, 0])], objects=WITNESSES - 1)
+    np.testing.assert_allclose(edges[0][0].covariance, STATED.covariance, atol=1e-12)
+    assert not counters

@@ -13,6 +13,7 @@ from neuse.slam.localization import Belief
 from neuse.slam.object_frames import reduce_codes
 from neuse.slam.odometry import OdometryParams
 from neuse.slam.prediction import Predictor
+from neuse.slam.tracker import Located
 
 from .synthetic import make_code, make_thing
 
@@ -39,9 +40,9 @@ def predictor():
 
 
 def predict(predictor, last, i, with_odometry=True):
-    fix, motion, belief = predictor.predict(last, sample(i) if with_odometry else None, i * FRAME_NS)
-    predictor.settle(fix, belief)
-    return fix, motion, belief
+    fix, (guess, *_) = predictor.predict(last, sample(i) if with_odometry else None, i * FRAME_NS)
+    predictor.settle(fix, guess.belief)
+    return fix, guess.motion, guess.belief
 
 
 def test_prediction_follows_odometry(predictor):
@@ -130,6 +131,37 @@ def test_prediction_follows_a_correction_of_the_map(predictor):
     predictor.settle(predictor.predict(START, sample(0), 0)[0], START)
     correction = exp([0, 0, 0.2, 1, 0, 0])
     predictor.correct(START.T_map_camera, correction @ START.T_map_camera)
-    _, _, belief = predictor.predict(START, sample(1), FRAME_NS)
+    _, (guess, *_) = predictor.predict(START, sample(1), FRAME_NS)
     expected = correction @ START.T_map_camera @ inverse(pose(0)) @ pose(1)
-    np.testing.assert_allclose(belief.T_map_camera, expected)
+    np.testing.assert_allclose(guess.belief.T_map_camera, expected)
+
+
+def test_after_objects_in_sight_the_camera_may_also_go_on_as_before(predictor):
+    located = Located(START, (), blind=False, relocalized=False)
+    beliefs = [Belief(START.T_map_camera @ pose(i), START.covariance) for i in range(3)]
+    for i in (0, 1):
+        fix, _ = predictor.predict(beliefs[max(i - 1, 0)], sample(i), i * FRAME_NS)
+        predictor.settle(predictor.judge(fix, located), beliefs[i])
+    _, (by_odometry, as_before) = predictor.predict(beliefs[1], sample(2), 2 * FRAME_NS)
+    expected = beliefs[1].T_map_camera @ pose(1)
+    np.testing.assert_allclose(as_before.belief.T_map_camera, expected, atol=1e-12)
+    np.testing.assert_allclose(by_odometry.motion.T_from_to, inverse(pose(1)) @ pose(2), atol=1e-12)
+
+
+def test_odometry_that_led_away_from_all_objects_begins_a_segment(predictor):
+    predictor.settle(predictor.predict(START, sample(0), 0)[0], START)
+    leap = OdometrySample(FRAME_NS, pose(0) @ exp([0, 0, 0.3, 0.3, 0, 0]))
+    fix, _ = predictor.predict(START, leap, FRAME_NS)
+    stayed = Located(START, (), blind=False, relocalized=False, surprised=True)
+    assert predictor.judge(fix, stayed).segment == fix.segment + 1
+    assert predictor._odometry.counters == {"odometry_contradicted": 1}
+
+
+def test_odometry_that_led_to_the_objects_keeps_its_segment(predictor):
+    predictor.settle(predictor.predict(START, sample(0), 0)[0], START)
+    fix, (guess,) = predictor.predict(START, sample(1), FRAME_NS)
+    for located in (
+        Located(guess.belief, (), blind=False, relocalized=False, surprised=True),
+        Located(START, (), blind=True, relocalized=False),
+    ):
+        assert predictor.judge(fix, located) == fix

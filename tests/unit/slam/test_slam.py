@@ -262,6 +262,18 @@ def test_jumping_odometry_does_not_move_the_camera(steps):
     assert ate_rmse_m(slam.trajectory(), steps[:14]) < 0.02
 
 
+def test_odometry_that_stands_still_does_not_hold_the_camera(steps):
+    slam = make_slam()
+    play(slam, steps[:20])
+    halted = steps[19].odometry.T_odom_camera
+    onward = halted @ inverse(steps[34].odometry.T_odom_camera)
+    for i, step in enumerate(steps[20:60], 20):
+        T_odom_camera = halted if i < 35 else onward @ step.odometry.T_odom_camera
+        slam.step(step.frame, replace(step.odometry, T_odom_camera=T_odom_camera))
+    assert 1 <= slam.counters["odometry_contradicted"] <= 16
+    assert ate_rmse_m(slam.trajectory(), steps[:60]) < 0.03
+
+
 def test_lost_camera_is_found_again_by_the_layout(steps):
     """Odometry that says nothing while the camera is carried half a metre in the dark."""
     slam = make_slam()
