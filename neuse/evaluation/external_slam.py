@@ -14,9 +14,10 @@ from neuse.evaluation.trajectory import Trajectory, trajectory_of
 from neuse.geometry import Array, inverse, make_transform, renormalized, rotation_angle
 from neuse.params import CheckedParams, param
 from neuse.records import Edge, EdgeKind, OdometrySample, RgbdFrame
-from neuse.slam.pose_graph import PoseGraph
+from neuse.slam.pose_graph import PoseGraph, SolverParams
 
 ViewT = TypeVar("ViewT")
+HUBER_SIGMAS = 1.345  # of its loop closures
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ class ExternalSlam(Generic[ViewT]):
     _frames: list[_Frame] = field(default_factory=list)
     _motion: Array = field(default_factory=lambda: np.eye(4))
     _T_hint_camera: Array | None = None
-    _graph: PoseGraph = field(default_factory=PoseGraph)
+    _graph: PoseGraph = field(default_factory=lambda: PoseGraph(SolverParams(huber_sigmas=HUBER_SIGMAS)))
     _T_map_keyframes: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
 
     def step(self, frame: RgbdFrame, odometry: OdometrySample | None = None) -> ExternalStep:
