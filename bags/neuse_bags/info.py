@@ -8,7 +8,7 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from neuse.embedding.embedding import load_embedding, shipped_categories
+from neuse.embedding.embedding import load_embeddings, shipped_categories
 from neuse_bags.cli import add_weights, command_parser, run_command
 from neuse_bags.inspection import BagReport, inspect_bag
 from neuse_bags.mcap_file import BagReader, BagTopic
@@ -19,9 +19,8 @@ UNUSABLE = 1
 
 def info(args: argparse.Namespace) -> int:
     """The command."""
-    own = [load_embedding(path).category for path in args.weights]
     with BagReader(args.bag) as bag:
-        report = inspect_bag(bag, {*shipped_categories(), *own})
+        report = inspect_bag(bag, {*shipped_categories(), *load_embeddings(args.weights)})
     print("\n".join(_lines(report)))
     return UNUSABLE if report.faults else 0
 

@@ -1,12 +1,13 @@
 """Figures of many runs as the cells of a table."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from statistics import median
+from typing import Any
 
 import numpy as np
 from scipy.stats import binomtest
 
-from neuse.evaluation.results import Result
+Figures = Mapping[str, Any]  # of a run
 
 
 def wilson(successes: int, trials: int) -> tuple[float, float]:
@@ -17,14 +18,14 @@ def wilson(successes: int, trials: int) -> tuple[float, float]:
     return float(interval.low), float(interval.high)
 
 
-def change_counts(runs: Sequence[Result]) -> np.ndarray:
-    """(3,) true, false and missed changes of all runs together."""
-    return np.sum([[run["changes"][key] for key in ("tp", "fp", "fn")] for run in runs], axis=0)
+def change_counts(scores: Sequence[Figures]) -> np.ndarray:
+    """(3,) true, false and missed changes of all scores together."""
+    return np.sum([[score[key] for key in ("tp", "fp", "fn")] for score in scores], axis=0)
 
 
-def counts_cell(runs: Sequence[Result]) -> str:
+def counts_cell(scores: Sequence[Figures]) -> str:
     """Changes as TP / FP / FN."""
-    return " / ".join(map(str, change_counts(runs)))
+    return " / ".join(map(str, change_counts(scores)))
 
 
 def change_cells(counts: np.ndarray) -> tuple[str, str, str]:
@@ -38,7 +39,7 @@ def _share(successes: int, trials: int) -> str:
     return "-" if trials == 0 else f"{successes / trials:.3f} [{low:.3f}, {high:.3f}]"
 
 
-def object_cell(runs: Sequence[Result]) -> str:
+def object_cell(runs: Sequence[Figures]) -> str:
     """Objects mapped, mapped twice, and ghosts."""
     objects = [run["objects"] for run in runs]
     mapped, true = sum(o["mapped"] for o in objects), sum(o["true"] for o in objects)
@@ -46,7 +47,7 @@ def object_cell(runs: Sequence[Result]) -> str:
     return f"{mapped} / {true}, {twice} twice, {ghosts} ghosts"
 
 
-def wrong_cell(runs: Sequence[Result]) -> str:
+def wrong_cell(runs: Sequence[Figures]) -> str:
     """Wrong loop closures of all."""
     closures = sum(run["edges"]["loop_closure"] for run in runs)
     return f"{sum(run['wrong_closures'] for run in runs)} of {closures}"

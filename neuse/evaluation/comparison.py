@@ -5,6 +5,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any, Protocol
 
+from neuse.evaluation.cells import counts_cell
 from neuse.evaluation.changes import score_changes
 from neuse.evaluation.encoded_world import EncodedWorld
 from neuse.evaluation.estimate import Estimate
@@ -133,8 +134,8 @@ def beside_geometry(results: SeededResults, seeds: int) -> Table:
     rows = [
         (
             preset,
-            _counts([run["changes"] for run in results.over_seeds("full", preset, seeds)]),
-            _counts(results.others_over_seeds("geometric", preset, seeds)),
+            counts_cell([run["changes"] for run in results.over_seeds("full", preset, seeds)]),
+            counts_cell(results.others_over_seeds("geometric", preset, seeds)),
             PAPER_GEOMETRIC.get(preset, "-"),
         )
         for preset in GEOMETRIC_PRESETS
@@ -165,10 +166,6 @@ def coming_back(results: SeededResults, seeds: int) -> Table:
         (*rows, ("all", *summary(everything))),
         command("returns", seeds),
     )
-
-
-def _counts(scores: Sequence[Figures]) -> str:
-    return " / ".join(str(sum(score[key] for score in scores)) for key in ("tp", "fp", "fn"))
 
 
 def _ate_m(path: Trajectory, world: EncodedWorld) -> float:

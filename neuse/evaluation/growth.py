@@ -13,7 +13,7 @@ from neuse.evaluation.code_worlds import CodeWorld, make_code_world, walk
 from neuse.evaluation.timing import WARM_UP, Times, TwoClocks, timed
 from neuse.geometry import Array, inverse
 from neuse.records import ObservedFrame
-from neuse.slam.guesses import Guess
+from neuse.slam.hypotheses import Hypothesis
 from neuse.slam.layout import View
 from neuse.slam.localization import Belief
 from neuse.slam.object_frames import reduce_codes
@@ -67,7 +67,7 @@ def associate_frame(
     centers = np.array([observation.partial_center for observation in observations])
     view = View(codes, reduce_codes(codes), centers)
     motion = Motion(T_before_now, np.diag(FRAME_SIGMAS**2))
-    located = tracker.locate(view, [Guess.after(tracker.belief, motion)])
+    located = tracker.locate(view, [Hypothesis.after(tracker.belief, motion)])
     tracks, _ = tracker.update(view, observations, located)
     tracker.similar_ids(codes)
     return tracks

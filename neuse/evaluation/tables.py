@@ -88,7 +88,7 @@ def changes(results: Results, seeds: int) -> Table:
     lines, total = [], np.zeros(3, dtype=int)
     for preset in PRESETS:
         runs = results.over_seeds("full", preset, seeds)
-        counts = change_counts(runs)
+        counts = change_counts([run["changes"] for run in runs])
         total += counts
         lines.append((preset, *change_cells(counts), object_cell(runs), paper.get(preset, "-")))
     lines.append(("all", *change_cells(total), "", ""))
@@ -139,7 +139,10 @@ def ablations(results: Results, seeds: int) -> Table:
         cells = []
         for preset in (SYNTHETIC[0], REAL[1]):
             runs = results.over_seeds(variant, preset, seeds)
-            cells += [_median(Row("", lambda r: r["ate_rmse_m"]), runs), counts_cell(runs)]
+            cells += [
+                _median(Row("", lambda r: r["ate_rmse_m"]), runs),
+                counts_cell([run["changes"] for run in runs]),
+            ]
         lines.append((name, *cells))
     return Table(
         "Ablations",
@@ -169,7 +172,7 @@ def nodes(results: Results, _: int) -> Table:
 
 
 def _run_cells(run: Result) -> tuple[str, str, str]:
-    counts = counts_cell([run])
+    counts = counts_cell([run["changes"]])
     return f"{run['ate_rmse_m']:.3f}", counts, f"{run['objects']['mapped']} / {run['objects']['true']}"
 
 

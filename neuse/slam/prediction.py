@@ -8,7 +8,7 @@ import numpy as np
 
 from neuse.geometry import Array, inverse, renormalized
 from neuse.records import Edge, EdgeKind, OdometrySample
-from neuse.slam.guesses import Guess
+from neuse.slam.hypotheses import Hypothesis
 from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.localization import Belief, localize
 from neuse.slam.odometry import NANOSECONDS, Motion, OdometryFix, OdometryParams, OdometryTracker
@@ -31,7 +31,7 @@ class Predictor:
 
     def predict(
         self, last: Belief, sample: OdometrySample | None, stamp_ns: int
-    ) -> tuple[OdometryFix | None, list[Guess]]:
+    ) -> tuple[OdometryFix | None, list[Hypothesis]]:
         """The frame's odometry fix, and where the camera may be: by odometry, then by going on as before."""
         fix = self._odometry.accept(sample, stamp_ns)
         elapsed_ns = 0 if self._last_stamp_ns is None else stamp_ns - self._last_stamp_ns
@@ -39,11 +39,11 @@ class Predictor:
         free = self._odometry.free_motion(elapsed_ns * NANOSECONDS)
         motion = self._check.motion(self._reference[0], fix, self._is_steady) if self._reference else None
         if motion is None or self._reference is None:
-            return fix, [Guess.after(last, free)]
-        guesses = [Guess.after(self._reference[1], motion)]
+            return fix, [Hypothesis.after(last, free)]
+        hypotheses = [Hypothesis.after(self._reference[1], motion)]
         if self.params.adapt and self._T_before_last is not None:
-            guesses.append(Guess.after(last, Motion(self._T_before_last, free.covariance)))
-        return fix, guesses
+            hypotheses.append(Hypothesis.after(last, Motion(self._T_before_last, free.covariance)))
+        return fix, hypotheses
 
     def judge(self, fix: OdometryFix | None, located: Located) -> OdometryFix | None:
         """The fix, in a new segment if objects have been found elsewhere than where odometry led."""

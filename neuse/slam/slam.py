@@ -108,9 +108,9 @@ class ObjectSlam:
         self.stopwatch.reset()
         usable = self._usable(frame)
         view = self._view(frame, usable)
-        fix, guesses = self._predictor.predict(self._tracker.belief, odometry, frame.stamp_ns)
+        fix, hypotheses = self._predictor.predict(self._tracker.belief, odometry, frame.stamp_ns)
         with self.stopwatch.timed("associate"):
-            located = self._tracker.locate(view, guesses)
+            located = self._tracker.locate(view, hypotheses)
             tracks, fresh = self._tracker.update(view, [frame.observations[i] for i in usable], located)
         fix, edges = self._predictor.judge(fix, located), list[Edge]()
         rejected_before = self._graph.rejected_edges

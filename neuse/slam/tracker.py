@@ -12,7 +12,7 @@ from neuse.records import NO_ID, Observation
 from neuse.slam.association import Association, AssociationParams, associate
 from neuse.slam.completion import complete
 from neuse.slam.displacement import DisplacementWatch
-from neuse.slam.guesses import Guess, best_guess
+from neuse.slam.hypotheses import Hypothesis, best_hypothesis
 from neuse.slam.instantiation import (
     InstantiationParams,
     expired,
@@ -39,7 +39,7 @@ class Located:
     """The camera's pose in a frame and the track of each observation (None: no known place).
 
     blind: no object constrained the pose.    relocalized: the pose was found without the prediction.
-    surprised: the objects are not where the first guess led, but another.
+    surprised: the objects are not where the first hypothesis led, but another.
     """
 
     belief: Belief
@@ -68,15 +68,15 @@ class ObjectTracker:
         self._drift = np.zeros(2)
         self._frame_index = 0
 
-    def locate(self, view: View, guesses: Sequence[Guess]) -> Located:
+    def locate(self, view: View, hypotheses: Sequence[Hypothesis]) -> Located:
         """Associate the view and find the camera's pose (NeuSE IV-A, B).
 
-        guesses: where the camera may be, the most probable first; others serve where the first fails.
+        hypotheses: where the camera may be, the most probable first; others serve where the first fails.
         """
         now = self._frame_index
         expected = min(len(view), int((self.library.table.rows["last_frame"] == now).sum()))
-        guess, found = best_guess(guesses, partial(self._associate, view), now, expected)
-        prediction, motion = guess
+        hypothesis, found = best_hypothesis(hypotheses, partial(self._associate, view), now, expected)
+        prediction, motion = hypothesis
         if found.T_map_camera is not None:
             prediction = Belief(found.T_map_camera, LOST_COVARIANCE)
         belief = self._localize(view, found.tracks, prediction, found.T_map_camera)
@@ -95,7 +95,7 @@ class ObjectTracker:
             tracks=matched,
             blind=not self._used(view, matched),
             relocalized=found.T_map_camera is not None,
-            surprised=guess is not guesses[0],
+            surprised=hypothesis is not hypotheses[0],
         )
 
     def correct(self, T_map_camera: Array) -> None:
@@ -178,8 +178,8 @@ class ObjectTracker:
             for i, row in enumerate(order)
         ]
 
-    def _associate(self, view: View, guess: Guess) -> Association:
-        prediction, motion = guess
+    def _associate(self, view: View, hypothesis: Hypothesis) -> Association:
+        prediction, motion = hypothesis
         if self.association.method == "nearest":
             return associate_nearest(view, self.library.active(), self.association)
         tracks = self._candidates(view, prediction.T_map_camera)

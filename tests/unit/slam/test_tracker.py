@@ -8,7 +8,7 @@ import pytest
 from neuse.geometry import exp
 from neuse.records import Observation
 from neuse.slam.association import AssociationParams
-from neuse.slam.guesses import Guess
+from neuse.slam.hypotheses import Hypothesis
 from neuse.slam.instantiation import InstantiationParams
 from neuse.slam.localization import Belief
 from neuse.slam.odometry import Motion
@@ -34,7 +34,7 @@ def tracker():
 def observe(tracker, things, T_map_camera=None, mask_px=5000, motion=STEP):
     """One frame; returns what was located, the tracks, and the new objects."""
     view = view_of(things, T_map_camera)
-    located = tracker.locate(view, [Guess.after(tracker.belief, motion)])
+    located = tracker.locate(view, [Hypothesis.after(tracker.belief, motion)])
     empty = np.zeros((0, 3), np.float32)
     observations = [
         Observation(i, 1.0, code, empty, code.center, mask_px) for i, code in enumerate(view.codes)

@@ -1,4 +1,4 @@
-"""Where the camera may be before its objects are looked at, and which of these guesses they bear out."""
+"""Where the camera may be before its objects are looked at, and which of these hypotheses they bear out."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -8,35 +8,38 @@ from neuse.slam.localization import Belief
 from neuse.slam.odometry import Motion
 
 
-class Guess(NamedTuple):
+class Hypothesis(NamedTuple):
     """A camera pose, and the motion since the last frame that leads there."""
 
     belief: Belief
     motion: Motion
 
     @classmethod
-    def after(cls, start: Belief, motion: Motion) -> "Guess":
+    def after(cls, start: Belief, motion: Motion) -> "Hypothesis":
         """Where a motion leads."""
         return cls(start.moved(motion.T_from_to, motion.covariance), motion)
 
 
-def best_guess(
-    guesses: Sequence[Guess], associate: Callable[[Guess], Association], last_frame: int, expected: int
-) -> tuple[Guess, Association]:
-    """The first guess, or one by which more of the objects of the last frame are found again.
+def best_hypothesis(
+    hypotheses: Sequence[Hypothesis],
+    associate: Callable[[Hypothesis], Association],
+    last_frame: int,
+    expected: int,
+) -> tuple[Hypothesis, Association]:
+    """The first hypothesis, or one by which more of the objects of the last frame are found again.
 
     Others are tried where the first loses more than half of the objects, or leads elsewhere than to them.
 
     Args:
         last_frame: by which tracks name the last frame.    expected: how many of its objects may be in view.
     """
-    best, found = guesses[0], associate(guesses[0])
+    best, found = hypotheses[0], associate(hypotheses[0])
     if found.T_map_camera is None and 2 * _kept(found, last_frame)[0] >= expected:
         return best, found
-    for guess in guesses[1:]:
-        other = associate(guess)
+    for hypothesis in hypotheses[1:]:
+        other = associate(hypothesis)
         if _kept(other, last_frame) > _kept(found, last_frame):
-            best, found = guess, other
+            best, found = hypothesis, other
     return best, found
 
 

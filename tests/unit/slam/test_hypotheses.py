@@ -1,4 +1,4 @@
-"""Which guess of the camera's pose is borne out by the objects of the last frame."""
+"""Which hypothesis of the camera's pose is borne out by the objects of the last frame."""
 
 from types import SimpleNamespace
 
@@ -7,13 +7,15 @@ import pytest
 
 from neuse.geometry import exp
 from neuse.slam.association import Association
-from neuse.slam.guesses import Guess, best_guess
+from neuse.slam.hypotheses import Hypothesis, best_hypothesis
 from neuse.slam.localization import Belief
 from neuse.slam.odometry import Motion
 
 LAST = 7
 MOTION = Motion(exp([0, 0, 0.1, 0.2, 0, 0]), 1e-4 * np.eye(6))
-FIRST, SECOND = (Guess.after(Belief(np.eye(4), variance * np.eye(6)), MOTION) for variance in (1e-6, 1e-4))
+FIRST, SECOND = (
+    Hypothesis.after(Belief(np.eye(4), variance * np.eye(6)), MOTION) for variance in (1e-6, 1e-4)
+)
 
 
 def found(kept, older=0, relocalized=False):
@@ -22,17 +24,17 @@ def found(kept, older=0, relocalized=False):
 
 
 def chosen(first, second, expected=4):
-    """The guess taken, and how many were tried."""
+    """The hypothesis taken, and how many were tried."""
     tried = []
     answers = {id(FIRST): first, id(SECOND): second}
 
-    def associate(guess):
-        tried.append(guess)
-        return answers[id(guess)]
+    def associate(hypothesis):
+        tried.append(hypothesis)
+        return answers[id(hypothesis)]
 
-    guess, association = best_guess([FIRST, SECOND], associate, LAST, expected)
-    assert association is answers[id(guess)]
-    return guess is SECOND, len(tried)
+    hypothesis, association = best_hypothesis([FIRST, SECOND], associate, LAST, expected)
+    assert association is answers[id(hypothesis)]
+    return hypothesis is SECOND, len(tried)
 
 
 def test_guess_is_where_the_motion_leads():
