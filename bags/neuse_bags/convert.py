@@ -31,7 +31,8 @@ LAYOUTS: dict[str, Callable[[Path], FrameSource]] = {
 EARLY = 20  # so many frames tell whether the unit of depth is right
 BAG_HELP = """ROS 2 bag: an .mcap or .db3 file, or a rosbag2 folder.
 
---remap FROM:=TO ..., or YAML files with lines `FROM: TO`; TO is one of
+--remap FROM:=TO ..., or YAML files with lines `FROM: TO`; compressed images (PNG, compressedDepth, colour
+as JPEG) are unpacked; TO is one of
 """
 
 

@@ -11,10 +11,12 @@ from rclpy.qos import ReliabilityPolicy
 
 from neuse.errors import InputError
 from neuse_bags import topics
+from neuse_bags.compressed import PACKED_TYPE, TYPE
 from neuse_bags.frames import JOINED, read_frames
 from neuse_bags.mcap_file import BagReader, BagTopic
 from neuse_bags.roles import ROLES, Role
 from neuse_bags.scale import ScaleCheck
+from neuse_encoder_node.conversions import is_distorted
 
 N_SAMPLES = 20
 Stamps = Mapping[str, Sequence[int]]
@@ -58,6 +60,7 @@ def inspect_bag(bag: BagReader, known_categories: Collection[str] | None = None)
         stamps_ns, categories = _read_stamps(bag)
         paired_ns = sorted(set.intersection(*map(set, stamps_ns.values())))
         findings += [*_pairing(stamps_ns, len(paired_ns)), *_frame_faults(bag, paired_ns)]
+        findings += _distortion(bag)
         findings += _category_faults(categories, known_categories or categories)
     duration_s = max(bag.end_ns - bag.start_ns, 0) / 1e9
     faults, notes = (tuple(f.text for f in findings if f.fatal == fatal) for fatal in (True, False))
@@ -78,9 +81,10 @@ def _missing(bag: BagReader) -> Iterator[Finding]:
 
 
 def _hint(bag: BagReader, role: Role) -> str:
-    """Topics of the same type under other names."""
+    """Topics of the same type, or of such images compressed, under other names."""
     own = {known.topic.name for known in ROLES} | {topic.name for topic in topics.OUTPUT_TOPICS}
-    alike = [t.name for t in bag.topics.values() if t.type_name == role.topic.type_name and t.name not in own]
+    types = {role.topic.type_name} | ({PACKED_TYPE} if role.topic.type_name == TYPE else set())
+    alike = [t.name for t in bag.topics.values() if t.type_name in types and t.name not in own]
     if not alike:
         return ""
     return f"; is it {' or '.join(alike)}? then: convert {bag.path} --remap {alike[0]}:={role.topic.name}"
@@ -147,6 +151,16 @@ def _frame_faults(bag: BagReader, paired_ns: Sequence[int]) -> list[Finding]:
     if unit:
         by_reason["unit"] = f"{topics.DEPTH.name}: {unit}; send 16UC1 in millimetres or 32FC1 in metres"
     return [Finding(text) for text in by_reason.values()]
+
+
+def _distortion(bag: BagReader) -> Iterator[Finding]:
+    """Pictures of a camera with a distortion must be rectified, which nothing in the bag can show."""
+    first = next(bag.messages([topics.DEPTH_INFO.name]))
+    if is_distorted(first.decode()):
+        told = (
+            f"{topics.DEPTH_INFO.name} has a distortion: depth and mask are taken to be rectified, with p as"
+        )
+        yield Finding(f"{told} their camera; if they are not, let image_proc rectify them", fatal=False)
 
 
 def _named(fault: InputError) -> str:

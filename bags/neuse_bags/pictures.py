@@ -56,7 +56,7 @@ def read_picture(
     """
     if not os.path.isfile(path):  # which takes names that no file can have
         raise InputError("missing_picture", f"{path} does not exist; {asked_by} asks for it")
-    _check_png(path, 4 * size[0] * size[1] if size else MOST_PIXELS)
+    check_png(path.read_bytes(), 4 * size[0] * size[1] if size else MOST_PIXELS, str(path))
     colored = kinds is COLOR_KINDS
     pixels = cv2.imread(str(path), cv2.IMREAD_COLOR if colored else cv2.IMREAD_UNCHANGED)
     if pixels is None:
@@ -72,20 +72,23 @@ def read_picture(
     return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB) if colored else pixels
 
 
-def _check_png(path: Path, most_pixels: int) -> None:
-    """Raises InputError for a PNG that claims a size, or a part of a size, that would only take memory."""
-    data = path.read_bytes()
+def check_png(data: bytes, most_pixels: int, name: str) -> None:
+    """Look at a PNG before it is decoded; other formats pass.
+
+    Raises:
+        InputError: it claims a size, or a part of a size, that would only take memory.
+    """
     if not data.startswith(b"\x89PNG") or len(data) < 24:
         return  # the decoder has more to say
     width, height = struct.unpack_from(">II", data, 16)
     if width * height > most_pixels:
-        told = f"{path} claims to be {width} x {height} pixels"
+        told = f"{name} claims to be {width} x {height} pixels"
         raise InputError("unequal_size", f"{told}, which is far too large; export it again")
     place = 8
     while place + 12 <= len(data):
         place += 12 + struct.unpack_from(">I", data, place)[0]
     if place > len(data):
-        raise InputError("unreadable_picture", f"{path} is not a readable picture: a part of it is missing")
+        raise InputError("unreadable_picture", f"{name} is not a readable picture: a part of it is missing")
 
 
 def read_json(path: Path, example: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Bags whose topics have other names than the graph listens to."""
+"""Bags whose topics have other names than the graph listens to, or compressed images."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -7,14 +7,17 @@ from pathlib import Path
 import yaml
 
 from neuse.errors import BagError, ParamError
-from neuse_bags.mcap_file import BagReader, RawMessage
+from neuse_bags import compressed
+from neuse_bags.mcap_file import BagReader, BagTopic, RawMessage
 from neuse_bags.roles import ROLES
 
-KNOWN = tuple(role.topic.name for role in ROLES)
+KNOWN = {role.topic.name: role.topic.type_name for role in ROLES}
 
 
 class RenamedBag(BagReader):
     """A bag seen through a table of names. A topic whose name another one is given is not seen.
+
+    Compressed images on a topic of the graph that takes images are seen as images.
 
     Raises:
         BagError: like BagReader; or the bag lacks a topic of the table.
@@ -30,13 +33,27 @@ class RenamedBag(BagReader):
             raise BagError(f"{path} lacks {', '.join(lacking)}, which is to be renamed; it has {has}")
         kept = {name: name for name in self.topics if name not in names and name not in names.values()}
         self._new_names = kept | dict(names)
-        self.topics = {new: replace(self.topics[old], name=new) for old, new in self._new_names.items()}
+        renamed = (replace(self.topics[old], name=new) for old, new in self._new_names.items())
+        self._packed = set[str]()
+        self.topics = {topic.name: self._plain(topic) for topic in renamed}
+
+    def _plain(self, topic: BagTopic) -> BagTopic:
+        """The topic as it is seen; those that are to be unpacked are remembered."""
+        if topic.type_name != compressed.PACKED_TYPE or KNOWN.get(topic.name) != compressed.TYPE:
+            return topic
+        self._packed.add(topic.name)
+        return replace(topic, type_name=compressed.TYPE)
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
-        """Messages in the order of their log stamps, of all topics or of those given, under the new names."""
+        """Messages in the order of their log stamps, of all topics or of those given, under the new names.
+
+        Raises:
+            BagError: as BagReader's.    InputError: a compressed image cannot be unpacked.
+        """
         wanted = [old for old, new in self._new_names.items() if topics is None or new in topics]
         for message in super().messages(wanted):
-            yield replace(message, topic=self._new_names[message.topic])
+            renamed = replace(message, topic=self._new_names[message.topic])
+            yield compressed.unpacked(renamed) if renamed.topic in self._packed else renamed
 
 
 def read_names(entries: Sequence[str]) -> dict[str, str]:

@@ -64,9 +64,16 @@ def frame_from_msgs(depth: Image, mask: Image, instances: InstanceArray, info: C
 
 
 def intrinsics_from_msg(info: CameraInfo) -> Intrinsics:
-    """Pinhole camera of the rectified image; distortion is ignored."""
+    """Pinhole camera of the image; where the raw one is distorted, of the rectified one, which p tells."""
     fx, _, cx, _, fy, cy = (float(value) for value in info.k[:6])
+    if is_distorted(info):
+        fx, _, cx, _, _, fy, cy = (float(value) for value in info.p[:7])
     return Intrinsics(info.width, info.height, fx, fy, cx, cy)
+
+
+def is_distorted(info: CameraInfo) -> bool:
+    """Whether straight lines are bent in the camera's raw image, and p tells how the rectified one is."""
+    return any(info.d) and info.p[0] > 0 and info.p[5] > 0
 
 
 def instances_from_msg(message: InstanceArray) -> tuple[Instance, ...]:

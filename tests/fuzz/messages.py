@@ -3,18 +3,21 @@
 What follows a malformed message shows whether it was refused in time: the stage must stay sound.
 """
 
+import struct
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 from embedding.tiny import make_network
 from hypothesis import strategies as st
 from mapping.synthetic import five_things, make_world, orbit
 from nodes import samples
 from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import CompressedImage
 from slam.synthetic import small_world
 
 from neuse.embedding.embedding import Embedding
@@ -25,9 +28,11 @@ from neuse.slam.feedback import ChangeFeedback
 from neuse.slam.joining import Joiner
 from neuse.slam.slam import ObjectSlam
 from neuse_bags import conversions as bag_conversions
+from neuse_bags.compressed import PACKED_TYPE, unpacked
 from neuse_bags.definitions import message_class
 from neuse_bags.mcap_file import RawMessage
 from neuse_encoder_node import conversions as encoder
+from neuse_encoder_node import images as encoder_images
 from neuse_encoder_node.detections import instances_from_detections
 from neuse_mapper_node import conversions as mapper
 from neuse_msgs.msg import Instance as InstanceMsg
@@ -214,6 +219,11 @@ def _bag_targets() -> Iterator[Target]:
     header = encoder.header_to_msg(samples.STAMP_NS, "camera")
     color = bag_conversions.image_to_msg(np.zeros((6, 8, 3), np.uint8), "rgb8", header)
     yield Target("color/image", spoiled_messages(color), _read_color)
+    for name, of_depth in (("/depth/image", True), ("/color/image", False)):
+        packed = CompressedImage(header=header, format="32FC1; compressedDepth", data=_packed(of_depth))
+        yield Target(f"compressed {name[1:]}", spoiled_messages(packed), partial(_unpack, name))
+        spoiled = spoiled_bytes(bytes(packed.data)).map(partial(_repacked, packed))
+        yield Target(f"compressed {name[1:]}, bytes", spoiled, partial(_unpack, name))
     truth = mapper.object_map_to_msg(samples.object_map(), "world")
     yield Target(
         "ground_truth/map",
@@ -229,6 +239,23 @@ def _bag_targets() -> Iterator[Target]:
             assert deserialize_message(serialize_message(decoded), message_class(kind)) is not None
 
         yield Target(f"bytes of {name}", spoiled_bytes(data), read)
+
+
+def _packed(of_depth: bool) -> bytes:
+    pixels = np.arange(48, dtype=np.uint16).reshape(6, 8) * 100
+    head = struct.pack("<iff", 0, 10.0, -5.0) if of_depth else b""
+    return head + cv2.imencode(".png", pixels if of_depth else pixels.astype(np.uint8))[1].tobytes()
+
+
+def _repacked(packed: CompressedImage, data: bytes) -> CompressedImage:
+    return CompressedImage(header=packed.header, format=packed.format, data=data)
+
+
+def _unpack(topic: str, message: CompressedImage) -> None:
+    raw = RawMessage(topic, PACKED_TYPE, 0, serialize_message(message))
+    image = unpacked(raw).decode()
+    read = encoder_images.depth_from_msg if topic == "/depth/image" else bag_conversions.color_from_msg
+    assert_sound(read(image))
 
 
 def _serialized() -> dict[str, Any]:

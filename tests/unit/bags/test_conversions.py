@@ -92,6 +92,16 @@ def test_camera_survives() -> None:
     assert intrinsics_from_msg(camera_info_to_msg(camera, Header())) == camera
 
 
+def test_rectified_image_of_a_distorted_camera_has_its_pinhole_in_p() -> None:
+    info = camera_info_to_msg(Intrinsics(640, 480, 600.0, 601.0, 320.0, 240.0), Header())
+    info.p = [500.0, 0.0, 310.0, 0.0, 0.0, 501.0, 230.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    assert intrinsics_from_msg(info).fx == 600.0
+    info.d = [0.1, -0.2, 0.0, 0.0, 0.0]
+    assert intrinsics_from_msg(info) == Intrinsics(640, 480, 500.0, 501.0, 310.0, 230.0)
+    info.p[0] = 0.0
+    assert intrinsics_from_msg(info).fx == 600.0
+
+
 def test_pose_and_stamp_of_odometry_survive() -> None:
     T = exp([0.3, -0.2, 1.0, 4.0, 5.0, -6.0])
     message = odometry_to_msg(3_000_000_007, T, "odom")

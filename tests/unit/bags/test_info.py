@@ -176,3 +176,26 @@ def test_file_that_is_no_bag_ends_with_exit_code_two(tmp_path: Path, capsys) -> 
     (tmp_path / "no.mcap").write_bytes(b"no bag")
     assert main([str(tmp_path / "no.mcap")]) == 2
     assert capsys.readouterr().err.startswith("neuse_bags info: ")
+
+
+def test_distortion_of_the_camera_is_told_and_does_no_harm(frames: list[RgbdFrame], tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bent.mcap") as writer:
+        topics.declare(writer, topics.FRAME_TOPICS)
+        bend = Bending(writer)
+        for frame in frames:
+            write_frame(bend, replace(frame, color=None))
+    report = inspect(tmp_path / "bent.mcap")
+    assert not report.faults
+    assert any("has a distortion: depth and mask are taken to be rectified" in note for note in report.notes)
+
+
+class Bending:
+    """A writer of bags whose camera is distorted."""
+
+    def __init__(self, writer: BagWriter) -> None:
+        self._writer = writer
+
+    def write(self, name: str, message: object, stamp_ns: int) -> None:
+        if name == topics.DEPTH_INFO.name:
+            message.d = [0.1, -0.2, 0.0, 0.0, 0.0]
+        self._writer.write(name, message, stamp_ns)
