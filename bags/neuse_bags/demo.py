@@ -19,7 +19,7 @@ from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 
-from neuse.embedding.embedding import load_embeddings, shipped_categories
+from neuse.embedding.embedding import load_embeddings, shipped_categories, weights_file
 from neuse.errors import NeuseError
 from neuse_bags import simulate, topics
 from neuse_bags.cli import add_weights, check_at_least, command_parser, run_command
@@ -70,7 +70,8 @@ class Graph:
         weights: files of categories that are not shipped.
         """
         patience = {} if live else PATIENCE
-        known = {"weights": _listed([*shipped_categories(), *map(Path.resolve, weights)])} if weights else {}
+        own = [weights_file(name).resolve() for name in weights]
+        known = {"weights": _listed([*shipped_categories(), *own])} if own else {}
         for index, namespace in enumerate(namespaces):
             encoder = known | ({} if live else ENCODER_PATIENCE)
             self._start_node("encoder_node", encoder, namespace)
@@ -119,8 +120,9 @@ class Graph:
                 raise self._failed(name)
 
     def _failed(self, name: str) -> NeuseError:
-        code = self._processes[name].returncode
-        return NeuseError(f"{name} ended with code {code}; its last words are in {self._logs / name}.log")
+        code, log = self._processes[name].returncode, self._logs / f"{name}.log"
+        words = log.read_text(errors="replace").strip().splitlines()
+        return NeuseError(f"{name} ended with code {code} ({words[-1] if words else 'silently'}); see {log}")
 
 
 @contextmanager

@@ -136,9 +136,17 @@ def play(args: argparse.Namespace) -> None:
         awaited = args.wait_topics or [name for name in bag.topics if name.endswith(NODE_INPUTS)]
         missing = wait_for_subscribers(node, awaited, args.wait_for, stop)
         if missing and not stop.is_set():
-            print(f"play: nobody listens to {', '.join(missing)}; playing all the same", file=sys.stderr)
+            _miss(missing, needed=bool(args.wait_topics))
         player.play(stop)
         print(player.summary())
+
+
+def _miss(topics: Iterable[str], needed: bool) -> None:
+    """Raises BagError where somebody must listen."""
+    told = f"nobody listens to {', '.join(topics)}"
+    if needed:
+        raise BagError(f"{told}, so nothing is played; what do the logs of the nodes say?")
+    print(f"play: {told}; playing all the same", file=sys.stderr)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -155,7 +163,7 @@ def parser() -> argparse.ArgumentParser:
         "--wait-topics",
         nargs="+",
         metavar="TOPIC",
-        help="topics whose subscribers to wait for (nodes' inputs)",
+        help="play only if these have subscribers (wait for the nodes' inputs, play in any case)",
     )
     return made
 

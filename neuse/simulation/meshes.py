@@ -1,5 +1,6 @@
-"""The user's own meshes as shapes: read, checked, and turned into the object frame."""
+"""The user's own meshes as shapes: read, checked, closed, and turned into the object frame."""
 
+import logging
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,11 +10,14 @@ import trimesh
 
 from neuse.errors import MeshError
 from neuse.simulation.canonical import canonical_frame
+from neuse.simulation.closing import solid_of
 from neuse.simulation.mesh_files import PATTERN, mesh_paths, read_mesh
 from neuse.simulation.self_similarity import find_symmetry
 from neuse.simulation.shapes import Shape, categories, make_shape, symmetry_of
 from neuse.simulation.textures import sample_texture
 from neuse.symmetry import Symmetry
+
+_log = logging.getLogger(__name__)
 
 SIZE_RANGE_M = (0.01, 1.0)
 OTHER_UNITS = {"millimetres": 0.001, "centimetres": 0.01}
@@ -83,18 +87,20 @@ def _shapes(
 
 
 def _closed(mesh: trimesh.Trimesh, path: Path) -> trimesh.Trimesh:
-    """The mesh with coinciding vertices merged, small holes filled and normals outwards."""
+    """The mesh as the surface of a solid: with vertices merged and holes filled, or else with walls."""
     mesh.merge_vertices()
     mesh.update_faces(mesh.nondegenerate_faces() & mesh.unique_faces())
     mesh.remove_unreferenced_vertices()
     trimesh.repair.fill_holes(mesh)
     trimesh.repair.fix_normals(mesh, multibody=True)
-    if not mesh.is_volume:
-        raise MeshError(
-            f"{path} is not closed; close its holes and merge its vertices, so that it bounds a solid"
-        )
-    parts = mesh.split()
-    return trimesh.boolean.union(parts) if len(parts) > 1 else mesh
+    if mesh.is_volume:
+        parts = mesh.split()
+        return trimesh.boolean.union(parts) if len(parts) > 1 else mesh
+    _log.warning("%s is not closed: what is open in it becomes thin walls", path)
+    try:
+        return solid_of(mesh)
+    except MeshError as error:
+        raise MeshError(f"{path} is not closed: {error}; export it as a solid") from error
 
 
 def _check_size(mesh: trimesh.Trimesh, path: Path) -> None:

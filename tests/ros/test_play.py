@@ -167,3 +167,10 @@ def test_truncated_bag_is_told_in_one_line(bag_path: Path, tmp_path: Path, start
     assert process.returncode == 2
     assert "truncated" in errors
     assert len(errors.splitlines()) == 1
+
+
+def test_nothing_is_played_where_those_that_must_listen_do_not(bag_path: Path, start_bags) -> None:
+    process = start_bags("play", bag_path, "--wait-for", "0.5", "--wait-topics", "nobody/at/all")
+    output = "".join(process.communicate(timeout=WAIT_S))
+    assert process.returncode == 2
+    assert "nobody listens to /nobody/at/all, so nothing is played" in output

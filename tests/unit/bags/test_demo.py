@@ -4,7 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from neuse_bags.demo import NODES, last_summaries, main
+from neuse.embedding.embedding import WEIGHTS
+from neuse.errors import NeuseError
+from neuse_bags.demo import NODES, Graph, last_summaries, main, running_graph
 
 
 @pytest.mark.parametrize(
@@ -42,3 +44,24 @@ def test_last_summary_of_each_node_is_told(tmp_path: Path) -> None:
         "slam_node: 40 frames, 9 objects, 3 edges, 7 dropped, 0 refused",
         "mapper_node: ended before its first summary",
     ]
+
+
+def test_nodes_get_the_shipped_weights_and_ones_own_by_their_whole_paths(tmp_path: Path, monkeypatch) -> None:
+    started: dict[str, tuple[object, ...]] = {}
+    monkeypatch.setattr(Graph, "start", lambda _, package, node, *words, name: started.update({node: words}))
+    monkeypatch.chdir(tmp_path)
+    Graph(tmp_path).start_nodes(("",), live=False, weights=[Path("kettle.safetensors"), Path("mug")])
+    own = f'"{tmp_path}/kettle.safetensors", "{WEIGHTS.resolve()}/mug.safetensors"]'
+    for node in ("encoder_node", "mapper_node"):
+        (weights,) = (word for word in started[node] if str(word).startswith("weights:="))
+        assert str(weights).startswith('weights:=["bottle", "bowl", "box", "mug", ')
+        assert str(weights).endswith(own)
+    assert "weights" not in str(started["slam_node"])
+
+
+def test_process_that_fails_is_told_with_its_last_words(tmp_path: Path) -> None:
+    told = r"play ended with code 2 \(neuse_bags play: .*nowhere.mcap does not exist.*\); see .*play.log"
+    with running_graph(tmp_path) as graph:
+        graph.start("neuse_bags", "play", tmp_path / "nowhere.mcap")
+        with pytest.raises(NeuseError, match=told):
+            graph.wait("play")

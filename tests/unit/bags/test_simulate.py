@@ -170,9 +170,9 @@ def test_number_of_frames_must_be_positive(tmp_path: Path, capsys, count: str) -
     assert "--frames" in capsys.readouterr().err
 
 
-def test_mesh_that_is_not_closed_is_told_in_one_line(tmp_path: Path, capsys) -> None:
+def test_mesh_that_bounds_nothing_is_told_in_one_line(tmp_path: Path, capsys) -> None:
     (tmp_path / "mug").mkdir()
     (tmp_path / "mug" / "open.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 3\n")
     assert main(["tabletop", "--meshes", str(tmp_path), "--out", str(tmp_path / "a.mcap")]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
-    assert "open.obj is not closed; close its holes" in line
+    assert "open.obj is not closed: a surface of [0.1 0.1 0. ] m is flat and bounds no solid" in line
