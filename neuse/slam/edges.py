@@ -36,8 +36,8 @@ class EdgeParams(CheckedParams):
     max_sigma_m: float = param(
         0.3, "an edge with a larger predicted translation sigma is refused, m", 1e-4, 100.0
     )
-    max_closure_sigma_rad: float = param(0.04, "the same for loop closures, rad", 1e-4, 3.2)
-    max_closure_sigma_m: float = param(0.03, "the same for loop closures, metres", 1e-4, 100.0)
+    max_closure_sigma_rad: float = param(0.03, "the same for loop closures, rad", 1e-4, 3.2)
+    max_closure_sigma_m: float = param(0.02, "the same for loop closures, metres", 1e-4, 100.0)
     max_disagreement: float = param(
         5.0, "an edge this many sigmas from the tracked motion is refused: a flipped handle", 1.0, 1e6
     )
