@@ -130,7 +130,7 @@ class ObjectSlam:
         return TrackedFrame(
             stamp_ns=frame.stamp_ns,
             T_map_camera=self._tracker.belief.T_map_camera,
-            covariance=self._covariance(),
+            covariance=self._covariance(keyframe),
             observations=self._tracked(frame, usable, view, tracks, fresh),
             intrinsics=frame.intrinsics,
             coarse_depth_m=frame.coarse_depth_m,
@@ -284,10 +284,11 @@ class ObjectSlam:
         self._predictor.correct(self._tracker.belief.T_map_camera, T_map_camera)
         self._tracker.correct(T_map_camera)
 
-    def _covariance(self) -> Array:
-        """Covariance of the current pose in the map: the keyframe's, and the frame's relative to it."""
+    def _covariance(self, is_keyframe: bool) -> Array:
+        """Covariance of the current pose in the map: the keyframe's, and that of a frame beside it."""
         belief = self._tracker.belief
-        return self._graph.covariance(belief.T_map_camera) + belief.covariance
+        of_keyframe = self._graph.covariance(belief.T_map_camera)
+        return of_keyframe if is_keyframe else of_keyframe + belief.covariance
 
 
 def _tracked_observation(
