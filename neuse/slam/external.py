@@ -14,13 +14,15 @@ from neuse.slam.odometry import Motion
 from neuse.slam.trust import Trust, contradict
 
 WITNESSES = 2  # objects in sight of a keyframe whose pose is known better than others can tell
+HONEST = 4.0  # factor on stated variances up to which they are believed where nobody can tell
 
 
 class ExternalEdges:
     """Takes in edges of an external SLAM, as far as they agree with what is known already.
 
     Its covariances are often those of a matching that has found the wrong minimum. Where the graph knows the
-    two poses, it shows how far they can be trusted elsewhere, too.
+    two poses, it shows how far they can be trusted elsewhere, too: places without objects are often those
+    where nothing else can be matched either, so that nothing is taken there from one who errs where they are.
     """
 
     def __init__(self, tolerance_s: float, counters: Counter[str]) -> None:
@@ -39,6 +41,9 @@ class ExternalEdges:
             if contradict(self._trust.scaled(stated, 1.0), known):
                 self._counters["external_edge_contradicted"] += 1
                 return None
+        elif self._trust.factors.max() > HONEST:
+            self._counters["external_edge_unwitnessed"] += 1
+            return None
         return replace(edge, covariance=self._trust.scaled(stated, 1.0).covariance)
 
 

@@ -107,3 +107,14 @@ def test_where_no_objects_are_edges_tell_what_nobody_else_does():
     edges, counters = accepted([np.array([0, 0, 0, 1.0, 0, 0])], objects=WITNESSES - 1)
     np.testing.assert_allclose(edges[0][0].covariance, STATED.covariance, atol=1e-12)
     assert not counters
+
+
+def test_who_errs_beside_objects_is_not_believed_where_there_are_none():
+    counters: Counter[str] = Counter()
+    external = ExternalEdges(1e-8, counters)
+    for error in noise(0.05):
+        external.accept([replace(STATED, T_from_to=STATED.T_from_to @ exp(error))], Graph(WITNESSES))
+    counters.clear()
+    assert external.accept([STATED], Graph(WITNESSES - 1)) == []
+    assert counters == {"external_edge_unwitnessed": 1}
+    assert external.accept([STATED], Graph(WITNESSES))
