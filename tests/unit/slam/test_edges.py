@@ -174,8 +174,8 @@ def test_objects_in_view_all_along_close_no_loop(world):
 
 
 def test_most_asked_keyframes_are_tried_first(world):
-    world.keyframe(0, keys=(0,))
+    world.keyframe(0, keys=(0, 1))
     for i in range(1, 11):
-        world.keyframe(i, keys=(0, 1) if i == 5 else ())
+        world.keyframe(i, keys=(0, 1, 2) if i == 5 else ())
     builder = EdgeBuilder(replace(EdgeParams(), max_closures=1))
     assert [edge.from_id for edge in revisit(world, builder, 11)] == [5]
