@@ -71,6 +71,15 @@ def test_second_round_closes_loops(whole):
     assert any(frame.loop_closed for frame in whole[1])
 
 
+def test_poses_are_calibrated(whole, steps):
+    frames, nees = whole[1], []
+    for frame, step in zip(frames[1:], steps[1:], strict=True):
+        T_true = inverse(steps[0].T_world_camera) @ step.T_world_camera
+        error = log(inverse(inverse(frames[0].T_map_camera) @ frame.T_map_camera) @ T_true)
+        nees.append(error @ np.linalg.solve(frame.covariance, error))
+    assert 2.0 < np.mean(nees) < 9.0
+
+
 def test_edges_are_calibrated(whole, steps):
     truth = {step.frame.stamp_ns: step.T_world_camera for step in steps}
     nees = []
