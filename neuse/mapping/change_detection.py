@@ -6,8 +6,9 @@ waits until the places that it may come from have been seen. Should the other ha
 half was reported, the MOVED supersedes that report (see `settled_changes`).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Set
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -18,7 +19,8 @@ from neuse.records import ChangeKind, ObjectChange
 
 _SAME_PLACE_M = 0.02  # an object that came back to its own place has not moved
 _SHIFT_M = 0.1  # nearer than this to the place of an object gone, another may have taken that place:
-_SHIFT_LIKENESS = 3.0  # so much more like itself must an object look that was only shifted
+_SHIFT_LIKENESS = 3.0  # so much more like itself must an object look that was only shifted,
+_DOUBTFUL_LIKENESS = 3.0  # or that may as well be a discovery
 
 
 @dataclass(frozen=True)
@@ -91,10 +93,15 @@ class ChangeDetector:
         self._gone.pop(object_id, None)
         self._come.pop(object_id, None)
 
-    def decide(self, library: ObjectLibrary, stamp_ns: int, final: bool) -> Decision:
-        """What has become certain by now; with `final` also what still waits."""
+    def decide(
+        self, library: ObjectLibrary, stamp_ns: int, final: bool, doubtful: Set[int] = frozenset()
+    ) -> Decision:
+        """What has become certain by now; with `final` also what still waits.
+
+        doubtful: newcomers that may have come or been overlooked before, which only their shape can tell.
+        """
         self._expire(stamp_ns)
-        candidates = self._candidates(library, stamp_ns, final)
+        candidates = self._candidates(library, stamp_ns, final) + self._returns(library, doubtful, stamp_ns)
         moves = self._moves(candidates)
         explained = {move.object_id for move in moves}
         waiting = {newcomer_id for _, newcomer_id, known_id in candidates if known_id not in explained}
@@ -113,7 +120,8 @@ class ChangeDetector:
             if known_id in self._gone:
                 moves.append(Move(known_id, newcomer_id))
         for move in moves:
-            del self._gone[move.object_id], self._come[move.newcomer_id]
+            self.forget(move.object_id)
+            self.forget(move.newcomer_id)
         return moves
 
     def _candidates(self, library: ObjectLibrary, stamp_ns: int, final: bool) -> list[tuple[float, int, int]]:
@@ -130,6 +138,19 @@ class ChangeDetector:
                     likeness = self._likeness(newcomer, known)
                     if likeness >= self._move_likeness:
                         pairs.append((likeness, newcomer_id, known.object_id))
+        return pairs
+
+    def _returns(
+        self, library: ObjectLibrary, doubtful: Set[int], stamp_ns: int
+    ) -> list[tuple[float, int, int]]:
+        """(likeness, newcomer, object) of objects gone that doubtful newcomers, met of late, surely are."""
+        pairs = []
+        for newcomer_id, known_id in product(sorted(doubtful - self._come.keys()), self._gone):
+            newcomer = library.records[newcomer_id]
+            if stamp_ns - newcomer.first_seen_ns < self._pending_ns:
+                likeness = self._likeness(newcomer, library.records[known_id])
+                if likeness >= self._move_likeness + _DOUBTFUL_LIKENESS:
+                    pairs.append((likeness, newcomer_id, known_id))
         return pairs
 
     def _likeness(self, newcomer: ObjectRecord, known: ObjectRecord) -> float:

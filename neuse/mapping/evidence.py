@@ -1,6 +1,6 @@
 """What a keyframe saw at a place, the place being put relative to the anchors that the keyframe saw."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,6 +57,13 @@ class Evidence:
             if near and record.object_id != excluded_id:
                 anchors.append(Anchor(record.object_id, observed, record.center, record.since_tick))
         return anchors
+
+    def around(self, record: ObjectRecord) -> Iterator[ObjectRecord]:
+        """Other objects that are, or were, near enough to serve as an object's anchors."""
+        for known in (*self._library, *self._library.left):
+            near = np.linalg.norm(known.rough_center - record.center) <= self._layout.anchor_radius_m
+            if near and known is not record:
+                yield known
 
     def anchored_views(self, record: ObjectRecord, count: int) -> list[AnchoredView]:
         """Those of the latest `count` views of an object that saw it among anchors older than itself."""

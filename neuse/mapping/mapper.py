@@ -76,7 +76,7 @@ class ObjectMapper:
         self._presence = Presence(self._evidence, params.newcomers.min_empty_keyframes)
         self._judge = Judge(self._library, self._evidence, self._meshes, params.newcomers, params.upkeep)
         self._detector = ChangeDetector(params.changes)
-        self._newcomers: set[int] = set()
+        self._newcomers, self._doubtful = set[int](), set[int]()
 
     def step(self, frame: TrackedFrame, keyframes: Sequence[Keyframe] = ()) -> tuple[ObjectChange, ...]:
         """Take in a frame and the latest keyframe estimates; the changes that have become certain."""
@@ -172,7 +172,9 @@ class ObjectMapper:
         if object_map.stamp_ns > self._stamp_ns and not self._library.is_earlier_than(object_map):
             return 0
         recalled = [self._library.recall(known, self._memory.poses) for known in object_map.objects]
-        self._newcomers -= {self._library.resolve(known.object_id) for known in object_map.objects}
+        known_ids = {self._library.resolve(known.object_id) for known in object_map.objects}
+        self._newcomers -= known_ids
+        self._doubtful -= known_ids
         return sum(recalled)
 
     def _update_objects(self, frame: TrackedFrame) -> None:
@@ -222,6 +224,9 @@ class ObjectMapper:
         """Settle what the newcomers among these objects are."""
         for object_id in sorted(self._newcomers & object_ids):
             verdict = self._judge.judge(self._library.records[object_id])
+            self._doubtful.discard(object_id)
+            if verdict.is_doubtful:
+                self._doubtful.add(object_id)
             if verdict.origin == Origin.OPEN:
                 continue
             self._newcomers.discard(object_id)
@@ -241,7 +246,7 @@ class ObjectMapper:
     def _detect_changes(self, final: bool) -> tuple[ObjectChange, ...]:
         """Pair what went with what came, and report what has become certain."""
         changes = self._note_presence()
-        decision = self._detector.decide(self._library, self._stamp_ns, final)
+        decision = self._detector.decide(self._library, self._stamp_ns, final, self._doubtful)
         changes += [self._move(move) for move in decision.moves]
         changes += [self._change(object_id, ChangeKind.ADDED) for object_id in decision.added]
         changes += [self._change(object_id, ChangeKind.REMOVED) for object_id in decision.removed]
@@ -284,6 +289,7 @@ class ObjectMapper:
     def _forget(self, object_id: int) -> None:
         """An id that has become an alias leaves no evidence behind."""
         self._newcomers.discard(object_id)
+        self._doubtful.discard(object_id)
         self._presence.forget(object_id)
         self._detector.forget(object_id)
         self._meshes.forget(object_id)

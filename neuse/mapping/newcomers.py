@@ -59,11 +59,15 @@ class Origin(Enum):
 
 @dataclass(frozen=True)
 class Verdict:
-    """duplicate_of: the object that a duplicate is.    displaced: objects whose place a change has taken."""
+    """duplicate_of: the object that a duplicate is.    displaced: objects whose place a change has taken.
+
+    is_doubtful: nothing tells that it has come, but objects known around it have not been seen since.
+    """
 
     origin: Origin
     duplicate_of: int | None = None
     displaced: tuple[int, ...] = ()
+    is_doubtful: bool = False
 
 
 class Judge:
@@ -82,7 +86,7 @@ class Judge:
             return Verdict(Origin.DISCOVERY)
         views = self._evidence.anchored_views(newcomer, self._params.discovery_views)
         if len(views) < self._params.min_views:
-            return Verdict(Origin.OPEN)
+            return Verdict(Origin.OPEN, is_doubtful=self._is_doubtful(newcomer))
         displaced = []
         for known in self._neighbours(newcomer, [k for k in self._library if k.is_present]):
             if self._is_duplicate(newcomer, known, views):
@@ -94,7 +98,8 @@ class Judge:
         if follows or self._was_free(newcomer, views):
             return Verdict(Origin.CHANGE, displaced=tuple(displaced))
         enough = len(newcomer.views) >= self._params.discovery_views
-        return Verdict(Origin.DISCOVERY if enough else Origin.OPEN)
+        origin = Origin.DISCOVERY if enough else Origin.OPEN
+        return Verdict(origin, is_doubtful=self._is_doubtful(newcomer))
 
     def recognise(self, unmatched: TrackedObservation, keyframe: SeenKeyframe) -> int | None:
         """The known object of like shape, if any, in whose place an unmatched observation is (IV-D)."""
@@ -198,6 +203,11 @@ class Judge:
             before.pop()
         empty, taken = sum(sight.is_empty for sight in before), sum(sight.is_taken for sight in before)
         return empty >= self._params.min_empty_keyframes and empty > taken
+
+    def _is_doubtful(self, newcomer: ObjectRecord) -> bool:
+        """Some object known around the place has not been seen since: this is where things have changed."""
+        well_seen = len(newcomer.views) >= self._params.min_views
+        return well_seen and any(k.last_tick < newcomer.since_tick for k in self._evidence.around(newcomer))
 
     def _sights_before(self, newcomer: ObjectRecord, views: Sequence[AnchoredView], tick: int) -> list[Sight]:
         """What keyframes before that step, but after the anchors were met, saw at the place; oldest first."""

@@ -32,9 +32,9 @@ def detector():
     return ChangeDetector(ChangeParams())
 
 
-def decide(detector, library, stamp_ns=0, final=False):
+def decide(detector, library, stamp_ns=0, final=False, doubtful=frozenset()):
     """(moves, added, removed) as plain lists."""
-    decision = detector.decide(library, stamp_ns, final)
+    decision = detector.decide(library, stamp_ns, final, doubtful)
     return list(decision.moves), list(decision.added), list(decision.removed)
 
 
@@ -106,6 +106,36 @@ def test_move_is_still_found_after_its_halves_were_reported(detector):
     assert decide(detector, library, final=True) == ([], [2], [])
     detector.note_gone(1, S)
     assert decide(detector, library, S) == ([Move(1, 2)], [], [])
+
+
+def test_doubtful_newcomer_of_the_very_shape_of_an_object_gone_is_that_object(detector):
+    library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
+    assert decide(detector, library, doubtful={2}) == NOTHING
+    detector.note_gone(1, 0)
+    assert decide(detector, library, REMOVAL, doubtful={2}) == ([Move(1, 2)], [], [])
+    assert decide(detector, library, PENDING, final=True, doubtful={2}) == NOTHING
+
+
+def test_doubtful_newcomer_is_never_added(detector):
+    library = library_of((1, 5, 0, 3), (2, 6, 10, 20))
+    detector.note_gone(1, 0)
+    assert decide(detector, library, final=True, doubtful={2}) == ([], [], [1])
+
+
+def test_doubtful_newcomer_met_long_before_is_not_an_object_that_went(detector):
+    library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
+    detector.note_gone(1, PENDING)
+    assert decide(detector, library, PENDING + REMOVAL, doubtful={2}) == ([], [], [1])
+
+
+def test_doubtful_newcomer_must_look_more_like_an_object_gone_than_one_that_has_come(detector):
+    library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
+    likeness = library.records[2].likeness(library.records[1])
+    demanding = ChangeDetector(ChangeParams(move_likeness=likeness - 1.0))
+    demanding.note_gone(1, 0)
+    assert decide(demanding, library, doubtful={2}) == NOTHING
+    demanding.note_come(2, 0)
+    assert decide(demanding, library, doubtful={2}) == ([Move(1, 2)], [], [])
 
 
 def test_what_was_reported_long_ago_explains_nothing(detector):

@@ -68,6 +68,34 @@ def test_twin_that_stays_is_not_taken_for_the_one_that_moved():
     assert_map_is_true(world)
 
 
+def test_object_put_on_a_table_where_nothing_has_stayed_has_moved():
+    """Nothing tells that the place was free before; that the object is missed elsewhere does."""
+    far = [standing("f", 2.8, -0.2), standing("g", 3.2, 0.2, category="mug")]
+    world = make_world([*five_things(), *far], tables=((0.0, 0.0, 0.6), (3.0, 0.0, 0.6)))
+    world.tour([*orbit(count=16), *orbit(x=3.0, count=16)])
+    world.remove("f")
+    world.remove("g")
+    world.move("a", 3.0, 0.0)
+    known_id = world.ids["a"]
+    world.tour([*orbit(count=16), *orbit(x=3.0, count=16)])
+    world.finish()
+    (change,) = world.mapper.changes
+    assert (change.kind, change.object_id) == (MOVED, known_id)
+    np.testing.assert_allclose(change.T_map_after[:2, 3], [3.0, 0.0], atol=0.03)
+
+
+def test_twin_of_an_object_gone_that_stands_where_nothing_was_known_is_a_discovery():
+    world = make_world(tables=((0.0, 0.0, 0.6), (3.0, 0.0, 0.6)))
+    world.tour(orbit(count=16))
+    twin = standing("f", 3.0, 0.0, seed=world.thing("a").shape_seed)
+    world.remove("a")
+    world.tour(orbit(count=16))
+    world.add(twin)
+    world.tour(orbit(x=3.0, count=16))
+    world.finish()
+    assert [change.kind for change in world.mapper.changes] == [REMOVED]
+
+
 def test_second_id_for_an_object_still_seen_is_the_same_object():
     """Association alternates between two ids for one mug, which looks different under each."""
     world = make_world()
