@@ -11,29 +11,26 @@ from neuse.mapping.change_detection import ChangeDetector, ChangeParams, Move
 from neuse.mapping.evidence import Evidence
 from neuse.mapping.free_space import FreeSpaceParams
 from neuse.mapping.history import History
-from neuse.mapping.keyframe_memory import KeyframeMemory, SeenKeyframe
+from neuse.mapping.intake import Intake
+from neuse.mapping.keyframe_memory import KeyframeMemory
 from neuse.mapping.map_file import load_map, save_map
 from neuse.mapping.newcomers import Judge, NewcomerParams, Origin
 from neuse.mapping.object_graph import LayoutParams
-from neuse.mapping.object_library import LibraryParams, ObjectLibrary, associated
-from neuse.mapping.object_record import ObjectRecord
+from neuse.mapping.object_library import LibraryParams, ObjectLibrary
 from neuse.mapping.presence import Presence
 from neuse.mapping.reconstruction import MeshCache, Reconstruct
 from neuse.mapping.shapes import Shapes
 from neuse.mapping.snapshot import restore, snapshot
 from neuse.mapping.upkeep import UpkeepParams
-from neuse.mapping.views import make_view, tells_shape
 from neuse.params import CheckedParams, param
 from neuse.records import (
     NO_ID,
     ChangeKind,
     Keyframe,
-    MatchStatus,
     ObjectChange,
     ObjectMap,
     ObjectStatus,
     TrackedFrame,
-    TrackedObservation,
 )
 
 
@@ -76,6 +73,7 @@ class ObjectMapper:
         self._presence = Presence(self._evidence, params.newcomers.min_empty_keyframes)
         self._judge = Judge(self._library, self._evidence, self._meshes, params.newcomers, params.upkeep)
         self._detector = ChangeDetector(params.changes)
+        self._intake = Intake(self._library, self._memory, self._judge, params.library)
         self._newcomers, self._doubtful = set[int](), set[int]()
 
     def step(self, frame: TrackedFrame, keyframes: Sequence[Keyframe] = ()) -> tuple[ObjectChange, ...]:
@@ -83,10 +81,10 @@ class ObjectMapper:
         self._tick += 1
         self._stamp_ns = frame.stamp_ns
         self._library.invalidate(self._memory.update(frame, keyframes, self._tick))
-        self._update_objects(frame)
+        self._newcomers |= self._intake.add(frame, self._tick)
         if frame.keyframe_id != NO_ID:
             keyframe = self._memory.seen[frame.keyframe_id]
-            seen_ids = self._seen_for_sure(keyframe) | self._recognise_unmatched(frame, keyframe)
+            seen_ids = self._intake.seen_for_sure(frame, keyframe)
             self._presence.update(keyframe, self._memory, self._library, seen_ids)
             self._judge_newcomers(set(keyframe.centers))
         if frame.loop_closed:
@@ -176,49 +174,6 @@ class ObjectMapper:
         self._newcomers -= known_ids
         self._doubtful -= known_ids
         return sum(recalled)
-
-    def _update_objects(self, frame: TrackedFrame) -> None:
-        """Add the frame's views to the objects it saw; unknown ids become newcomers."""
-        keyframe_id, T_keyframe_camera = self._memory.reference(frame)
-        for object_id, tracked in sorted(associated(frame, self._library).items()):
-            seen = tracked.observation
-            record = self._library.records.get(object_id) or self._create(object_id, frame, tracked)
-            if frame.keyframe_id != NO_ID:
-                self._memory.seen[frame.keyframe_id].centers[object_id] = seen.code.center
-            if not record.is_present or record.category != seen.code.category:
-                continue
-            record.seen(self._tick, frame.stamp_ns, tells_shape(seen.code))
-            if keyframe_id not in record.views:
-                count = self._params.library.points_per_view
-                view = make_view(seen.code, seen.cloud, T_keyframe_camera, seen.touches_border, count)
-                record.add_view(keyframe_id, view, self._params.library.max_views)
-
-    def _create(self, object_id: int, frame: TrackedFrame, tracked: TrackedObservation) -> ObjectRecord:
-        category = tracked.observation.code.category
-        record = ObjectRecord(
-            object_id, category, self._memory.poses, frame.stamp_ns, frame.stamp_ns, self._tick, self._tick
-        )
-        self._library.records[object_id] = record
-        self._newcomers.add(object_id)
-        return record
-
-    def _seen_for_sure(self, keyframe: SeenKeyframe) -> set[int]:
-        """Matched objects that are surely meant, and those matched though they are taken to be gone."""
-        matched = {object_id: self._library.records[object_id] for object_id in keyframe.centers}
-        return {i for i, record in matched.items() if not record.is_present or record.last_tick == self._tick}
-
-    def _recognise_unmatched(self, frame: TrackedFrame, keyframe: SeenKeyframe) -> set[int]:
-        """Objects that association missed but the object graph finds in place: a mug with hidden handle."""
-        found = set()
-        for tracked in frame.observations:
-            object_id = None
-            if tracked.status == MatchStatus.UNMATCHED:
-                object_id = self._judge.recognise(tracked, keyframe)
-            if object_id is not None:
-                record = self._library.records[object_id]
-                record.seen(self._tick, frame.stamp_ns, tells_shape(tracked.observation.code))
-                found |= {object_id} if record.last_tick == self._tick else set()
-        return found
 
     def _judge_newcomers(self, object_ids: Set[int]) -> None:
         """Settle what the newcomers among these objects are."""
