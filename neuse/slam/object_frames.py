@@ -7,6 +7,7 @@ directions are kept: the lengths shrink when the encoder is unsure, which the pr
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from neuse.errors import InputError
 from neuse.geometry import Array
 from neuse.params import CheckedParams, param
 
-LARGEST = 1e4  # of the numbers in a code: metres, radians, cosines
+LARGEST = 1e4  # length of the numbers of a code: metres, radians, cosines
 HIDDEN_HANDLE_RAD = 0.6  # a handle known no better says nothing
 UNTOLD_RAD = 3.0  # an axis known no better is not told at all: that of a box, whose edges have no names
 LEAST_SHARE = 0.01  # of a variance along the axis that stays, whatever the height says
@@ -36,7 +37,6 @@ class ObjectFrames:
 
     vectors: (3, n, 3) centres (metres), unit axes to the top, and unit vectors to the handle, which are
         orthogonal to the axis and arbitrary where ambiguous.
-    noise: (3, n, 3, 6) square root of the covariance of `vectors`: a column for each of the object's sigmas.
     variances: (3, n) mean variance of `vectors` along one axis: m^2, rad^2, rad^2 (infinite where ambiguous).
     sigmas: (n, 6) rotation first (rad, m), on the object's axes.    ambiguous: (n,) bool.
     half_heights: (n,) metres, as uncertain as the centres along the axes, and height_correlations: (n,) with
@@ -44,7 +44,6 @@ class ObjectFrames:
     """
 
     vectors: Array
-    noise: Array
     variances: Array
     sigmas: Array
     ambiguous: np.ndarray
@@ -59,7 +58,6 @@ class ObjectFrames:
         index = np.asarray(index, dtype=bool if np.asarray(index).dtype == bool else np.intp)
         return ObjectFrames(
             self.vectors[:, index],
-            self.noise[:, index],
             self.variances[:, index],
             self.sigmas[index],
             self.ambiguous[index],
@@ -69,8 +67,7 @@ class ObjectFrames:
 
     def scaled(self, factor: float) -> "ObjectFrames":
         """The same frames with sigmas times `factor`."""
-        noise, variances = factor * self.noise, factor**2 * self.variances
-        return replace(self, noise=noise, variances=variances, sigmas=factor * self.sigmas)
+        return replace(self, variances=factor**2 * self.variances, sigmas=factor * self.sigmas)
 
     def given_heights(self, half_heights: Array, variances: Array) -> "ObjectFrames":
         """What is known of the centres once the half heights (n,) are known, with variances (n,) m^2.
@@ -84,6 +81,11 @@ class ObjectFrames:
         sigmas[:, 5] *= np.sqrt(np.maximum(1.0 - gains * self.height_correlations, LEAST_SHARE))
         correlations = np.zeros(len(self))  # all that the height can say has been said
         return _frames(vectors, sigmas, self.ambiguous, half_heights, correlations)
+
+    @property
+    def noise(self) -> Array:
+        """(3, n, 3, 6) square root of the covariance of `vectors`: a column for each sigma of the object."""
+        return noise_of(self.vectors, self.sigmas)
 
     @property
     def centers(self) -> Array:
@@ -112,13 +114,14 @@ def reduce_codes(codes: Sequence[Code], params: SigmaParams | None = None) -> Ob
         _check(code)
     ambiguous = np.array([code.ambiguous for code in codes], dtype=bool)
     centers, scaled_axes = _centers_and_axes(codes)
+    half_heights = _lengths(scaled_axes[:, :, 2])
     axes = _normalized(scaled_axes[:, :, 2])
-    vectors = np.stack([centers, axes, _handles(scaled_axes[:, :, 0], axes, ambiguous)])
+    vectors = np.array([centers, axes, _handles(scaled_axes[:, :, 0], axes, ambiguous)])
     floor = np.repeat([params.rotation_floor_rad, params.translation_floor_m], 3)
     predicted = np.array([code.sigmas for code in codes], dtype=np.float64).reshape(-1, 6)
     sigmas = np.hypot(params.scale * predicted, floor)
     correlations = np.array([code.height_correlation for code in codes], dtype=np.float64)
-    return _frames(vectors, sigmas, ambiguous, np.linalg.norm(scaled_axes[:, :, 2], axis=1), correlations)
+    return _frames(vectors, sigmas, ambiguous, half_heights, correlations)
 
 
 def frames_at(vectors: Array, sigmas: Array, ambiguous: np.ndarray, half_heights: Array) -> ObjectFrames:
@@ -131,7 +134,6 @@ def join_frames(parts: Sequence[ObjectFrames]) -> ObjectFrames:
     """All objects of several parts, in their order."""
     return ObjectFrames(
         np.concatenate([part.vectors for part in parts], axis=1),
-        np.concatenate([part.noise for part in parts], axis=1),
         np.concatenate([part.variances for part in parts], axis=1),
         np.concatenate([part.sigmas for part in parts]),
         np.concatenate([part.ambiguous for part in parts]),
@@ -142,8 +144,8 @@ def join_frames(parts: Sequence[ObjectFrames]) -> ObjectFrames:
 
 def is_usable(code: Code) -> bool:
     """Whether every number of the code is within reason, its sigmas are positive, the correlation is one."""
-    numbers = np.concatenate([code.z.ravel(), code.descriptor, code.sigmas])
-    sound = (np.abs(numbers) < LARGEST).all() and (code.sigmas > 0).all()  # NaN compares false
+    square = sum(np.vdot(numbers, numbers) for numbers in (code.z, code.descriptor, code.sigmas))
+    sound = square < LARGEST**2 and (code.sigmas > 0).all()  # NaN compares false
     return bool(sound and abs(code.height_correlation) <= 1.0)
 
 
@@ -156,14 +158,27 @@ def skews(vectors: Array) -> Array:
     return K - K.swapaxes(-1, -2)
 
 
+def noise_of(vectors: Array, sigmas: Array) -> Array:
+    """(..., 3, n, 3, 6) noise of (..., 3, n, 3) centres, axes and handles with (..., n, 6) sigmas.
+
+    Rotations turn axes and handles, translations move centres, both on the object's axes.
+    """
+    axes, handles = vectors[..., 1, :, :], vectors[..., 2, :, :]
+    K = skews(vectors[..., 1:, :, :])  # of axes and of handles
+    R = np.stack([handles, (K[..., 0, :, :, :] @ handles[..., None])[..., 0], axes], axis=-1)
+    noise = np.zeros((*vectors.shape, 6))
+    noise[..., 0, :, :, 3:] = R
+    noise[..., 1:, :, :, :3] = -K @ R[..., None, :, :, :]
+    return noise * sigmas[..., None, :, None, :]
+
+
 def _frames(
     vectors: Array, sigmas: Array, ambiguous: np.ndarray, half_heights: Array, correlations: Array
 ) -> ObjectFrames:
     square = sigmas**2
     handles = np.where(ambiguous, np.inf, square[:, 2])
     variances = np.stack([square[:, 3:].mean(axis=1), square[:, :2].mean(axis=1), handles])
-    noise = _noise(vectors, sigmas)
-    return ObjectFrames(vectors, noise, variances, sigmas, ambiguous, half_heights, correlations)
+    return ObjectFrames(vectors, variances, sigmas, ambiguous, half_heights, correlations)
 
 
 def _check(code: Code) -> None:
@@ -176,21 +191,27 @@ def _check(code: Code) -> None:
 
 def _centers_and_axes(codes: Sequence[Code]) -> tuple[Array, Array]:
     """(n, 3) centres and (n, 3, 3) scaled axes; all codes of one size at once."""
-    centers, axes = np.zeros((len(codes), 3)), np.zeros((len(codes), 3, 3))
+    fitted = np.zeros((len(codes), 3, 4))
     sizes = np.array([len(code.z) for code in codes])
-    for k in np.unique(sizes):
-        index, template = np.flatnonzero(sizes == k), landmark_template(int(k))
-        landmarks = np.stack([codes[i].landmarks for i in index.tolist()])  # (n_k, k // 2, 3)
-        centers[index] = landmarks.mean(axis=1)
-        axes[index] = (landmarks - centers[index, None]).transpose(0, 2, 1) @ template * (3.0 / len(template))
-    return centers, axes
+    for k in set(sizes.tolist()):
+        index = np.flatnonzero(sizes == k)
+        landmarks = np.array([codes[i].landmarks for i in index.tolist()])  # (n_k, k // 2, 3)
+        fitted[index] = landmarks.swapaxes(1, 2) @ _fit(k)
+    return fitted[..., 0], fitted[..., 1:]
+
+
+@cache
+def _fit(k: int) -> Array:
+    """(k // 2, 4) by which landmarks become, in the least squares, their centre and scaled axes."""
+    template = landmark_template(k)
+    return np.column_stack([np.ones(len(template)), 3.0 * template]) / len(template)
 
 
 def _handles(raw: Array, axes: Array, ambiguous: np.ndarray) -> Array:
     """(n, 3) unit vectors orthogonal to the axes, in the half plane of `raw` unless ambiguous."""
     arbitrary = np.eye(3)[np.abs(axes).argmin(axis=1)]
     flat = _orthogonal(np.where(ambiguous[:, None], arbitrary, raw), axes)
-    lost = np.linalg.norm(flat, axis=1, keepdims=True) < 1e-9
+    lost = _lengths(flat)[:, None] < 1e-9
     return _normalized(np.where(lost, _orthogonal(arbitrary, axes), flat))
 
 
@@ -199,15 +220,8 @@ def _orthogonal(vectors: Array, axes: Array) -> Array:
 
 
 def _normalized(vectors: Array) -> Array:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+    return vectors / np.maximum(_lengths(vectors), 1e-12)[..., None]
 
 
-def _noise(vectors: Array, sigmas: Array) -> Array:
-    """Rotations turn axes and handles, translations move centres, both on the object's axes."""
-    _, axes, handles = vectors
-    K = skews(vectors[1:])  # of axes and of handles
-    R = np.stack([handles, (K[0] @ handles[..., None])[..., 0], axes], axis=-1)  # p_frame = R @ p_object
-    noise = np.zeros((*vectors.shape, 6))
-    noise[0, :, :, 3:] = R
-    noise[1:, :, :, :3] = -K @ R
-    return noise * sigmas[:, None, :]
+def _lengths(vectors: Array) -> Array:
+    return np.sqrt(np.einsum("...i,...i", vectors, vectors))

@@ -8,7 +8,7 @@ import numpy as np
 from neuse.embedding.code import Code
 from neuse.errors import DegenerateGeometryError, InputError
 from neuse.geometry import Array, make_transform
-from neuse.slam.object_frames import ObjectFrames, SigmaParams, reduce_codes, skews
+from neuse.slam.object_frames import ObjectFrames, SigmaParams, noise_of, reduce_codes, skews
 
 LEVER_M = 0.05  # at which directions count as points in `residual_m`: about half an object
 GRADUATION = (64.0, 8.0, 3.0, 3.0, 3.0)  # Cauchy scales in sigmas: from all alike down to the robust answer
@@ -93,15 +93,17 @@ def align_each(a: ObjectFrames, others: Sequence[tuple[np.ndarray, ObjectFrames]
     if not others:
         return []
     b = _stack(a, others)
-    trusted = np.where(b.known[:, None], 1.0 / b.variances, 0.0)
+    source, target = homogeneous(a.vectors), homogeneous(b.vectors)
+    trusted = np.where(b.known[:, None], 1.0 / b.variances, 0.0)  # (B, 3, n)
     weights = trusted
     for scale in GRADUATION:
-        T_b_a = _horn(a.vectors, b.vectors, weights)
-        differences = _differences(T_b_a, a.vectors, b.vectors)
-        square_errors = trusted * (differences**2).sum(axis=-1)  # (B, 3, n)
+        T_b_a = _horn(source, target, weights)
+        differences = target - source @ T_b_a[:, None].swapaxes(-1, -2)  # (B, 3, n, 4)
+        squares = np.einsum("...i,...i", differences, differences)  # (B, 3, n)
+        square_errors = trusted * squares
         weights = trusted / (1 + square_errors / scale**2)
     inliers = b.known & (square_errors[:, :2] < INLIER_SIGMAS**2).all(axis=1)
-    residuals_m = _residuals_m(differences, weights, inliers)
+    residuals_m = _residuals_m(squares, weights, inliers)
     covariances = _covariances(T_b_a, a, b, weights)
     misfits = _misfits(square_errors, b.known, a.ambiguous)
     return [
@@ -116,30 +118,38 @@ def align_each(a: ObjectFrames, others: Sequence[tuple[np.ndarray, ObjectFrames]
 class _Views:
     """Several views b, filled up to the n objects of the view a.
 
-    vectors: (B, 3, n, 3), centres where heights agree with those in a.    noise: (B, 3, n, 3, 6) of b.
-    variances: (B, 3, n) of differences to a.    axial: (B, n) share of the standard deviation along the axis
-    that heights leave.    known: (B, n) bool.
+    vectors: (B, 3, n, 3), centres where heights agree with those in a.    variances: (B, 3, n) of differences
+    to a.    sigmas: (B, n, 6) of b, along the axis what heights leave.    axial: (B, n) share of the standard
+    deviation along the axis that heights leave in a.    known: (B, n) bool.
     """
 
     vectors: Array
-    noise: Array
     variances: Array
+    sigmas: Array
     axial: Array
     known: np.ndarray
 
 
 def _stack(a: ObjectFrames, others: Sequence[tuple[np.ndarray, ObjectFrames]]) -> _Views:
-    shape = (len(others), 3, len(a))
-    vectors, noise = np.zeros((*shape, 3)), np.zeros((*shape, 3, 6))
-    variances, known = np.ones(shape), np.zeros((len(others), len(a)), dtype=bool)
-    axial = np.ones((len(others), len(a)))
+    B, n = len(others), len(a)
+    vectors, variances = np.zeros((B, 3, n, 3)), np.ones((B, 3, n))
+    sigmas, axial, known = np.ones((B, n, 6)), np.ones((B, n)), np.zeros((B, n), dtype=bool)
     for i, (index, frames) in enumerate(others):
         shifts, gone, axial[i, index] = agreed_heights(a[index], frames)
-        vectors[i, :, index], noise[i, :, index] = frames.vectors.swapaxes(0, 1), frames.noise.swapaxes(0, 1)
+        vectors[i, :, index], sigmas[i, index] = frames.vectors.swapaxes(0, 1), frames.sigmas
         vectors[i, 0, index] += shifts
         variances[i, :, index], known[i, index] = (a.variances[:, index] + frames.variances).T, True
         variances[i, 0, index] -= gone / 3.0
-    return _Views(vectors, noise, variances, axial, known)
+    sigmas[..., 5] *= axial
+    return _Views(vectors, variances, sigmas, axial, known)
+
+
+def homogeneous(vectors: Array) -> Array:
+    """(..., 3, n, 4) of (..., 3, n, 3): centres are points, axes and handles are directions."""
+    extended = np.zeros((*vectors.shape[:-1], 4))
+    extended[..., :3] = vectors
+    extended[..., 0, :, 3] = 1.0
+    return extended
 
 
 def agreed_heights(a: ObjectFrames, b: ObjectFrames) -> tuple[Array, Array, Array]:
@@ -171,33 +181,28 @@ def _check_pairs(codes_a: Sequence[Code], codes_b: Sequence[Code]) -> None:
             raise InputError("mixed_categories", f"pair {index} joins a {a.category} with a {b.category}")
 
 
-def _horn(vectors_a: Array, vectors_b: Array, weights: Array) -> Array:
-    """(B, 4, 4) closed-form minima of the weighted squared differences (Horn 1987, by Arun's SVD)."""
-    share = weights[:, 0] / weights[:, 0].sum(axis=1, keepdims=True)  # (B, n)
-    mean_a, mean_b = share @ vectors_a[0], (share[:, None] @ vectors_b[:, 0])[:, 0]
-    weighted_b = (vectors_b * weights[..., None]).reshape(len(weights), -1, 3)
-    moments = weighted_b.swapaxes(1, 2) @ vectors_a.reshape(-1, 3)
-    moments -= weights[:, 0].sum(axis=1)[:, None, None] * (mean_b[:, :, None] * mean_a[:, None, :])
-    U, _, Vt = np.linalg.svd(moments)
-    U[:, :, 2] *= np.where(np.linalg.det(U @ Vt) < 0, -1.0, 1.0)[:, None]
+def _horn(source: Array, target: Array, weights: Array) -> Array:
+    """(B, 4, 4) closed-form minima of the weighted squared differences (Horn 1987, by Arun's SVD).
+
+    source: (3, n, 4) and target: (B, 3, n, 4) homogeneous vectors.    weights: (B, 3, n).
+    """
+    weighted = (target * weights[..., None]).reshape(len(weights), -1, 4)
+    sums = weighted.swapaxes(1, 2) @ source.reshape(-1, 4)  # (B, 4, 4)
+    total = sums[:, 3:, 3]
+    mean_a, mean_b = sums[:, 3, :3] / total, sums[:, :3, 3] / total
+    U, _, Vt = np.linalg.svd(sums[:, :3, :3] - sums[:, :3, 3:] * mean_a[:, None])
     R_b_a = U @ Vt
-    return make_transform(R_b_a, mean_b - (R_b_a @ mean_a[:, :, None])[..., 0])
+    mirrored = np.linalg.det(R_b_a) < 0
+    if mirrored.any():
+        U[mirrored, :, 2] *= -1.0
+        R_b_a = U @ Vt
+    return make_transform(R_b_a, mean_b - (R_b_a @ mean_a[..., None])[..., 0])
 
 
-def _differences(T_b_a: Array, vectors_a: Array, vectors_b: Array) -> Array:
-    """(B, 3, n, 3) differences of centres, axes and handles after alignment, in frame a."""
-    R_b_a, t_b_a = T_b_a[:, None, :3, :3], T_b_a[:, None, :3, 3]
-    differences = vectors_a - vectors_b @ R_b_a
-    differences[:, 0] += t_b_a @ R_b_a[:, 0]
-    return differences
-
-
-def _residuals_m(differences: Array, weights: Array, inliers: np.ndarray) -> Array:
-    levers_m = np.array([1.0, LEVER_M, LEVER_M])[:, None]
-    counted = inliers | ~inliers.any(axis=1, keepdims=True)
-    weights_m = weights / levers_m**2 * counted[:, None]
-    square_m = (differences**2).sum(axis=-1) * levers_m**2
-    return np.sqrt((weights_m * square_m).sum(axis=(1, 2)) / weights_m.sum(axis=(1, 2)))
+def _residuals_m(squares: Array, weights: Array, inliers: np.ndarray) -> Array:
+    counted = weights * (inliers | ~inliers.any(axis=1, keepdims=True))[:, None]
+    square_levers_m = np.array([1.0, LEVER_M, LEVER_M])[:, None] ** 2
+    return np.sqrt((counted * squares).sum(axis=(1, 2)) / (counted / square_levers_m).sum(axis=(1, 2)))
 
 
 def _misfits(square_errors: Array, known: np.ndarray, ambiguous: np.ndarray) -> Array:
@@ -223,9 +228,10 @@ def _covariances(T_b_a: Array, a: ObjectFrames, b: _Views, weights: Array) -> li
     J, B, n = jacobian(a.vectors), len(weights), len(a)
     weighted = weights[..., None, None] * J  # (B, 3, n, 3, 6)
     H = weighted.reshape(B, -1, 6).swapaxes(1, 2) @ J.reshape(-1, 6)
-    noise_a = np.broadcast_to(a.noise, b.noise.shape)
-    noise = np.concatenate([noise_a, T_b_a[:, None, None, :3, :3].swapaxes(-1, -2) @ b.noise], axis=-1)
-    noise[..., [5, 11]] *= b.axial[:, None, :, None, None]
+    noise_b = T_b_a[:, None, None, :3, :3].swapaxes(-1, -2) @ noise_of(b.vectors, b.sigmas)
+    noise_a = np.broadcast_to(a.noise, noise_b.shape).copy()
+    noise_a[..., 5] *= b.axial[:, None, :, None]
+    noise = np.concatenate([noise_a, noise_b], axis=-1)  # (B, 3, n, 3, 12)
     gains = weighted.transpose(0, 2, 4, 1, 3).reshape(B, n, 6, 9)
     G = gains @ noise.transpose(0, 2, 1, 3, 4).reshape(B, n, 9, 12)  # (B, n, 6, 12)
     return _sandwiches(H, (G @ G.swapaxes(-1, -2)).sum(axis=1))

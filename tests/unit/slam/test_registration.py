@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from neuse.errors import DegenerateGeometryError, InputError
 from neuse.geometry import exp, inverse, log, transform_points
 from neuse.slam.object_frames import SigmaParams, reduce_codes
-from neuse.slam.registration import _horn, align, align_each, align_frames
+from neuse.slam.registration import _horn, align, align_each, align_frames, homogeneous
 
 from .synthetic import make_code, make_thing
 
@@ -68,7 +68,7 @@ def test_horn_agrees_with_scipy():
     a = reduce_codes(codes_of(objects, rng=rng))
     b = reduce_codes(codes_of(objects, T_b_a, rng))
     weights = rng.uniform(0.5, 2.0, size=(3, 4))
-    T = _horn(a.vectors, b.vectors[None], weights[None])[0]
+    T = _horn(homogeneous(a.vectors), homogeneous(b.vectors)[None], weights[None])[0]
     share = (weights[0] / weights[0].sum())[:, None]
     mean_a, mean_b = (share * a.centers).sum(axis=0), (share * b.centers).sum(axis=0)
     vectors_a = np.concatenate([a.centers - mean_a, *a.vectors[1:]])
