@@ -97,8 +97,7 @@ class ObjectLibrary:
 
     def tentative(self) -> list[Track]:
         """Active tracks that are no objects of the map yet."""
-        rows = self.table.rows
-        return self.table.at(rows["active"] & ~rows["confirmed"])
+        return self.table.at(self.table["active"] & ~self.table["confirmed"])
 
     def around(self, points: Array, radius_m: float) -> np.ndarray:
         """(m,) mask of the table: active tracks around points (n, 3) of the map."""
@@ -110,7 +109,7 @@ class ObjectLibrary:
         """(m,) mask of the table: active objects of the map alike in shape, not more than `most` a code."""
         tracks = [track for track in self.alike(codes, delta_shape) if not track.retired]
         similarities = similarity(codes, tracks)
-        chosen = np.zeros(len(self.table.rows), dtype=bool)
+        chosen = np.zeros(len(self.table), dtype=bool)
         for shapes in similarities:
             best = np.argsort(-shapes, kind="stable")[:most]
             chosen[self.table.index(tracks[m] for m in best if shapes[m] >= delta_shape)] = True
@@ -118,10 +117,9 @@ class ObjectLibrary:
 
     def by_turns(self, always: Iterable[int], most: int) -> list[Track]:
         """Active tracks of the graph: those of some keys, as far as known, and so many of all by turns."""
-        rows = self.table.rows
-        allowed = rows["active"] & rows["in_graph"]
+        allowed = self.table["active"] & self.table["in_graph"]
         turns = np.flatnonzero(allowed)
-        chosen = np.zeros(len(rows), dtype=bool)
+        chosen = np.zeros(len(self.table), dtype=bool)
         chosen[turns[(self._turn + np.arange(min(most, len(turns)))) % max(len(turns), 1)]] = True
         chosen[self.table.index(self.tracks[key] for key in always if key in self.tracks)] = True
         self._turn += most
@@ -130,7 +128,7 @@ class ObjectLibrary:
     def alike(self, codes: Sequence[Code], delta_shape: float) -> list[Track]:
         """Objects of the map that may be alike in shape to one of the codes, wherever they stand or stood."""
         may_be = self.table.may_be_alike([code.descriptor for code in codes], delta_shape)
-        return self.table.at(may_be & self.table.rows["confirmed"])
+        return self.table.at(may_be & self.table["confirmed"])
 
     def named(self, object_id: int) -> list[Track]:
         """Tracks of one object: the active one and the places where it once was."""

@@ -12,28 +12,33 @@ from neuse.slam.track import Track
 
 HEAD = 32  # components of a descriptor that are compared first; of the rest only the length
 ROUNDING = 1e-5  # of a cosine in float32
-ROW = np.dtype(
-    [
-        ("center", np.float64, 3),
-        ("mapped_at", np.float64, 2),
-        ("seen_at", np.float64, 2),
-        ("last_frame", np.int64),
-        ("active", np.bool_),
-        ("confirmed", np.bool_),
-        ("in_graph", np.bool_),
-    ]
-)
+COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {  # type and shape of what each track has
+    "center": (np.float64, (3,)),
+    "mapped_at": (np.float64, (2,)),
+    "seen_at": (np.float64, (2,)),
+    "last_frame": (np.int64, ()),
+    "active": (np.bool_, ()),
+    "confirmed": (np.bool_, ()),
+    "in_graph": (np.bool_, ()),
+}
+HEADS = "heads"  # the column of descriptors, as `_head` gives them
 
 
 class TrackTable:
-    """A row for each track in the order of their keys, written anew where a track is among `changed`."""
+    """A row for each track in the order of their keys, written anew where a track is among `changed`.
+
+    Kept by columns: whoever looks for a few among thousands reads one or two of them, end to end.
+    """
 
     def __init__(self) -> None:
         self.changed: set[Track] = set()
         self._tracks: list[Track] = []
-        self._rows = np.zeros(16, ROW)
-        self._heads = np.zeros((16, HEAD + 1), np.float32)
+        self._columns = {name: np.zeros((16, *shape), kind) for name, (kind, shape) in COLUMNS.items()}
+        self._columns[HEADS] = np.zeros((16, HEAD + 1), np.float32)
         self._ways: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self._tracks)
 
     def append(self, track: Track) -> None:
         """A new track, whose key is larger than all before."""
@@ -48,34 +53,34 @@ class TrackTable:
 
     def near(self, point: Array, radius_m: float | Array) -> np.ndarray:
         """(m,) bool, active and within the radius, or radii (m,), of a point (3,) of the map, metres."""
-        offsets_m = self.rows["center"] - point
-        return self.rows["active"] & (np.einsum("ij,ij->i", offsets_m, offsets_m) <= radius_m**2)
+        offsets_m = self["center"] - point
+        return self["active"] & (np.einsum("ij,ij->i", offsets_m, offsets_m) <= radius_m**2)
 
     def may_be_alike(self, descriptors: Sequence[Array], delta_shape: float) -> np.ndarray:
         """(m,) bool, whether the cosine with one of the descriptors may be this large, from their heads.
 
         No larger than the product of the heads and of the lengths of the rest (Cauchy, Schwarz).
         """
-        rows = self.rows
         heads = np.array([_head(descriptor) for descriptor in descriptors], np.float32).reshape(-1, HEAD + 1)
-        bounds = self._heads[: len(rows)] @ heads.T
-        return (bounds >= delta_shape - ROUNDING).any(axis=1)
+        bounds = heads @ self[HEADS].T  # (n, m)
+        return bounds.max(axis=0, initial=-np.inf) >= delta_shape - ROUNDING
 
     def drifts(self, tracks: Sequence[Track], now: Array) -> Array:
         """(n, 2) as `drift.drift_between` of some tracks, by way of any active one."""
-        rows, index = self.rows, self.index(tracks)
+        index = self.index(tracks)
+        mapped_at, seen_at = self["mapped_at"], self["seen_at"]
         if self._ways is None:
-            self._ways = self._ways_over(rows["active"])
-        return over_ways(rows["mapped_at"], rows["seen_at"], now, index, self._ways[index])
+            self._ways = self._ways_over(self["active"])
+        return over_ways(mapped_at, seen_at, now, index, self._ways[index])
 
     def all_drifts(self, now: Array, over: np.ndarray) -> Array:
         """(m, 2) as `drift.drift_between`, by way of the tracks of a mask."""
-        rows, index = self.rows, np.arange(len(self.rows))
-        return over_ways(rows["mapped_at"], rows["seen_at"], now, index, self._ways_over(over))
+        index = np.arange(len(self))
+        return over_ways(self["mapped_at"], self["seen_at"], now, index, self._ways_over(over))
 
     def _ways_over(self, over: np.ndarray) -> np.ndarray:
-        costs = np.where(over, -self.rows["seen_at"][:, 1], np.inf)
-        return nearest_ways(self.rows["mapped_at"][:, 1], costs)
+        costs = np.where(over, -self["seen_at"][:, 1], np.inf)
+        return nearest_ways(self["mapped_at"][:, 1], costs)
 
     def at(self, chosen: np.ndarray) -> list[Track]:
         """The tracks of a mask."""
@@ -85,14 +90,13 @@ class TrackTable:
         """(n,) rows of tracks."""
         return np.array([self._row(track) for track in tracks], dtype=np.intp)
 
-    @property
-    def rows(self) -> np.ndarray:
-        """(m,) of ROW, up to date."""
+    def __getitem__(self, name: str) -> np.ndarray:
+        """(m, ...) a column, up to date."""
         if self.changed:
             self._write([track for track in self.changed if self._holds(track)])
             self.changed.clear()
             self._ways = None
-        return self._rows[: len(self._tracks)]
+        return self._columns[name][: len(self)]
 
     def _row(self, track: Track) -> int:
         return bisect_left(self._tracks, track.key, key=attrgetter("key"))
@@ -102,18 +106,21 @@ class TrackTable:
         return row < len(self._tracks) and self._tracks[row] is track
 
     def _write(self, tracks: Sequence[Track]) -> None:
-        while len(self._rows) < len(self._tracks):
-            self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
-            self._heads = np.concatenate([self._heads, np.zeros_like(self._heads)])
+        while len(self._columns[HEADS]) < len(self):
+            self._columns = {
+                name: np.concatenate([column, np.zeros_like(column)])
+                for name, column in self._columns.items()
+            }
         if tracks:
             index = self.index(tracks)
-            self._rows[index] = np.array([_numbers(track) for track in tracks], ROW)
-            self._heads[index] = [_head(track.descriptor) for track in tracks]
+            for name, values in zip(self._columns, zip(*map(_row_of, tracks), strict=True), strict=True):
+                self._columns[name][index] = values
 
 
-def _numbers(track: Track) -> tuple[object, ...]:
+def _row_of(track: Track) -> tuple[object, ...]:
+    """Its entries in the order of the columns."""
     flags = not track.retired, track.confirmed, track.in_graph
-    return track.place[0], track.mapped_at, track.seen_at, track.last_frame, *flags
+    return track.place[0], track.mapped_at, track.seen_at, track.last_frame, *flags, _head(track.descriptor)
 
 
 def _head(descriptor: Array) -> Array:

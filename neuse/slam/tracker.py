@@ -74,7 +74,7 @@ class ObjectTracker:
         hypotheses: where the camera may be, the most probable first; others serve where the first fails.
         """
         now = self._frame_index
-        expected = min(len(view), int((self.library.table.rows["last_frame"] == now).sum()))
+        expected = min(len(view), int((self.library.table["last_frame"] == now).sum()))
         hypothesis, found = best_hypothesis(hypotheses, partial(self._associate, view), now, expected)
         prediction, motion = hypothesis
         if found.T_map_camera is not None:
@@ -222,7 +222,7 @@ class ObjectTracker:
         if not due:
             return []
         table, matched = self.library.table, {track.key for track in seen}
-        is_object = table.rows["active"] & table.rows["confirmed"]
+        is_object = table["active"] & table["confirmed"]
         drifts = table.all_drifts(self._drift, is_object)
         delta_prox_m, fresh = self.association.delta_prox_m, []
         for track in due:
