@@ -12,7 +12,7 @@ from neuse.slam.track import Track
 
 HEAD = 32  # components of a descriptor that are compared first; of the rest only the length
 ROUNDING = 1e-5  # of a cosine in float32
-COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {  # type and shape of what each track has
+COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {  # type and shape of an entry
     "center": (np.float64, (3,)),
     "mapped_at": (np.float64, (2,)),
     "seen_at": (np.float64, (2,)),
@@ -25,16 +25,19 @@ HEADS = "heads"  # the column of descriptors, as `_head` gives them
 
 
 class TrackTable:
-    """A row for each track in the order of their keys, written anew where a track is among `changed`.
+    """An entry for each track in the order of their keys, written anew where a track is among `changed`.
 
-    Kept by columns: whoever looks for a few among thousands reads one or two of them, end to end.
+    Kept by number, each in its own array with the tracks last: whoever looks for a few among thousands reads
+    two or three of them end to end.
     """
 
     def __init__(self) -> None:
         self.changed: set[Track] = set()
         self._tracks: list[Track] = []
-        self._columns = {name: np.zeros((16, *shape), kind) for name, (kind, shape) in COLUMNS.items()}
-        self._columns[HEADS] = np.zeros((16, HEAD + 1), np.float32)
+        self._columns: dict[str, np.ndarray] = {
+            name: np.zeros((*shape, 16), kind) for name, (kind, shape) in COLUMNS.items()
+        }
+        self._columns[HEADS] = np.zeros((HEAD + 1, 16), np.float32)
         self._ways: np.ndarray | None = None
 
     def __len__(self) -> int:
@@ -53,8 +56,8 @@ class TrackTable:
 
     def near(self, point: Array, radius_m: float | Array) -> np.ndarray:
         """(m,) bool, active and within the radius, or radii (m,), of a point (3,) of the map, metres."""
-        offsets_m = self["center"] - point
-        return self["active"] & (np.einsum("ij,ij->i", offsets_m, offsets_m) <= radius_m**2)
+        x, y, z = (self["center"] - point[:, None]) ** 2
+        return self["active"] & (x + y + z <= radius_m**2)
 
     def may_be_alike(self, descriptors: Sequence[Array], delta_shape: float) -> np.ndarray:
         """(m,) bool, whether the cosine with one of the descriptors may be this large, from their heads.
@@ -62,13 +65,13 @@ class TrackTable:
         No larger than the product of the heads and of the lengths of the rest (Cauchy, Schwarz).
         """
         heads = np.array([_head(descriptor) for descriptor in descriptors], np.float32).reshape(-1, HEAD + 1)
-        bounds = heads @ self[HEADS].T  # (n, m)
+        bounds = heads @ self[HEADS]  # (n, m)
         return bounds.max(axis=0, initial=-np.inf) >= delta_shape - ROUNDING
 
     def drifts(self, tracks: Sequence[Track], now: Array) -> Array:
         """(n, 2) as `drift.drift_between` of some tracks, by way of any active one."""
         index = self.index(tracks)
-        mapped_at, seen_at = self["mapped_at"], self["seen_at"]
+        mapped_at, seen_at = self["mapped_at"].T, self["seen_at"].T
         if self._ways is None:
             self._ways = self._ways_over(self["active"])
         return over_ways(mapped_at, seen_at, now, index, self._ways[index])
@@ -76,11 +79,11 @@ class TrackTable:
     def all_drifts(self, now: Array, over: np.ndarray) -> Array:
         """(m, 2) as `drift.drift_between`, by way of the tracks of a mask."""
         index = np.arange(len(self))
-        return over_ways(self["mapped_at"], self["seen_at"], now, index, self._ways_over(over))
+        return over_ways(self["mapped_at"].T, self["seen_at"].T, now, index, self._ways_over(over))
 
     def _ways_over(self, over: np.ndarray) -> np.ndarray:
-        costs = np.where(over, -self["seen_at"][:, 1], np.inf)
-        return nearest_ways(self["mapped_at"][:, 1], costs)
+        costs = np.where(over, -self["seen_at"][1], np.inf)
+        return nearest_ways(self["mapped_at"][1], costs)
 
     def at(self, chosen: np.ndarray) -> list[Track]:
         """The tracks of a mask."""
@@ -91,12 +94,12 @@ class TrackTable:
         return np.array([self._row(track) for track in tracks], dtype=np.intp)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """(m, ...) a column, up to date."""
+        """(..., m) a column, up to date."""
         if self.changed:
             self._write([track for track in self.changed if self._holds(track)])
             self.changed.clear()
             self._ways = None
-        return self._columns[name][: len(self)]
+        return self._columns[name][..., : len(self)]
 
     def _row(self, track: Track) -> int:
         return bisect_left(self._tracks, track.key, key=attrgetter("key"))
@@ -106,15 +109,15 @@ class TrackTable:
         return row < len(self._tracks) and self._tracks[row] is track
 
     def _write(self, tracks: Sequence[Track]) -> None:
-        while len(self._columns[HEADS]) < len(self):
+        while self._columns[HEADS].shape[1] < len(self):
             self._columns = {
-                name: np.concatenate([column, np.zeros_like(column)])
+                name: np.concatenate([column, np.zeros_like(column)], axis=-1)
                 for name, column in self._columns.items()
             }
         if tracks:
             index = self.index(tracks)
             for name, values in zip(self._columns, zip(*map(_row_of, tracks), strict=True), strict=True):
-                self._columns[name][index] = values
+                self._columns[name][..., index] = np.array(values).T
 
 
 def _row_of(track: Track) -> tuple[object, ...]:
