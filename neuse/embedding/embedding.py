@@ -1,8 +1,8 @@
 """The embedding of one category as users meet it: clouds to codes, codes to meshes."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike
 
 from neuse.embedding.code import Code
 from neuse.embedding.devices import AUTO, device_named
-from neuse.embedding.encoder import Encoding
+from neuse.embedding.encoder import Encoder, Encoding
 from neuse.embedding.network import MIN_POINTS, UNIT_M, Network, load_network
 from neuse.embedding.reconstruction import reconstruct
+from neuse.embedding.recording import RecordedEncoder
 from neuse.errors import InputError, WeightsError
 from neuse.geometry import Array
 
@@ -99,8 +100,12 @@ class Embedding:
         batch = np.stack([self._sample(array - c) for array, c in zip(arrays, centers, strict=True)])
         n_anchors = max(1, round(share * self.network.config.n_anchors))
         with torch.inference_mode():
-            encoding = self.network.encode(torch.from_numpy(batch).to(self.network.device), n_anchors)
+            encoding = self._encoder(torch.from_numpy(batch).to(self.network.device), n_anchors)
         return self._codes(encoding, centers)
+
+    def prepare(self) -> None:
+        """Do what the first call of `encode` would do beside its work, so that no frame waits for it."""
+        self.encode([np.random.default_rng(0).normal(size=(MIN_POINTS, 3))])
 
     def reconstruct(self, code: Code, resolution_m: float = 0.0025) -> trimesh.Trimesh:
         """The full shape of a code as a closed mesh, in the frame of the code.
@@ -116,6 +121,13 @@ class Embedding:
         if not 0.0 < resolution_m < np.inf:
             raise InputError("resolution", f"resolution_m = {resolution_m} must be positive and finite")
         return reconstruct(self.network, code, resolution_m)
+
+    @cached_property
+    def _encoder(self) -> Callable[[torch.Tensor, int], Encoding]:
+        encoder = self.network.encoder
+        if isinstance(encoder, Encoder) and self.network.device.type == "cpu":
+            return RecordedEncoder(encoder)
+        return self.network.encode
 
     def _sample(self, cloud: Array) -> Array:
         """(n_points, 3) in network units, spread evenly over the order of the cloud, then shuffled."""

@@ -113,7 +113,10 @@ class Encoder(nn.Module):
 
     def forward(self, points: Tensor, n_anchors: int) -> Encoding:
         """(B, N, 3) centred clouds in network units -> Encoding."""
-        vectors, invariants = local_geometry(points, n_anchors)  # (B, M, 3, v), (B, M, i)
+        return self.understand(*local_geometry(points, n_anchors))
+
+    def understand(self, vectors: Tensor, invariants: Tensor) -> Encoding:
+        """Local geometry of M points, vectors (B, M, 3, v) and invariants (B, M, i), -> Encoding."""
         vectors = vectors.flatten(2)  # (B, M, 3 v)
         s = self.embed(invariants)  # (B, M, width)
         mean = s.mean(1)  # (B, width)

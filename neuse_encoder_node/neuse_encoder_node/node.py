@@ -81,7 +81,10 @@ class EncoderNode(StageNode):
 
     def build(self, params: EncoderNodeParams) -> None:
         torch.set_num_threads(params.threads)
-        self._observer = Observer(params.encoder, load_embeddings(params.weights, params.device))
+        embeddings = load_embeddings(params.weights, params.device)
+        for embedding in embeddings.values():
+            embedding.prepare()
+        self._observer = Observer(params.encoder, embeddings)
         self._hurried_share = params.hurried_share
         self._join = StampJoin(list(INPUTS), params.join_size)
         self._observations = self.offer(
