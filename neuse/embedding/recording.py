@@ -1,8 +1,8 @@
 """The encoder as a recorded program: the same operations, without Python between them.
 
 An encoder runs hundreds of small operations a frame; on a CPU a sixth of its time goes into calling them for
-five objects, a quarter for two.
-TorchScript is the one recorder of torch that needs no C++ compiler where the nodes run.
+five objects, a quarter for two. TorchScript is the one recorder of torch that needs no C++ compiler where the
+nodes run.
 """
 
 import warnings

@@ -52,6 +52,14 @@ def test_codes_do_not_depend_on_what_else_is_in_the_batch(embedding):
         np.testing.assert_allclose(together.descriptor, alone.descriptor, atol=1e-5)
 
 
+def test_an_embedding_that_was_prepared_gives_the_same_codes(network):
+    cloud = partial_cloud(np.random.default_rng(3), 100)
+    fresh, prepared = Embedding(network), Embedding(network)
+    prepared.prepare()
+    (a,), (b,) = fresh.encode([cloud]), prepared.encode([cloud])
+    np.testing.assert_array_equal(a.z, b.z)
+
+
 def test_share_of_the_points_gives_nearly_the_same_code():
     embedding, rng = load_embedding("mug"), np.random.default_rng(4)
     clouds = [partial_cloud(rng, 500) for _ in range(4)]
