@@ -11,8 +11,9 @@ from neuse.mapping.mapper import MapperParams, ObjectMapper
 from neuse.records import ObjectChange, ObservedFrame, OdometrySample, RgbdFrame, TrackedFrame
 from neuse.slam.feedback import DELAY_S, ChangeFeedback
 from neuse.slam.joining import Joiner, JoiningParams
+from neuse.slam.params import SlamParams
 from neuse.slam.prior_map import PriorMap
-from neuse.slam.slam import ObjectSlam, SlamParams
+from neuse.slam.slam import ObjectSlam
 
 
 @dataclass(frozen=True)

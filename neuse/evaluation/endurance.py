@@ -47,7 +47,7 @@ def endure(frames: int, speed_mps: float, minutes: float = np.inf, objects: int 
     for index, (T_world_camera, sample) in enumerate(_way(world.camera, frames, speed_mps)):
         tracked = slam.step(_with_surfaces(world.observe(T_world_camera, sample.stamp_ns, rng)), sample)
         touched = tracked.loop_closed or tracked.keyframe_id >= 0
-        for change in mapper.step(tracked, slam.keyframes if touched else ()):
+        for change in mapper.step(tracked, slam.moved_keyframes() if touched else ()):
             slam.apply_change(change)
         if index % every == every - 1:
             samples.append(((index + 1) / FRAMES_AN_HOUR, resident_mb()))

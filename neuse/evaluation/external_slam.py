@@ -14,7 +14,8 @@ from neuse.evaluation.trajectory import Trajectory, trajectory_of
 from neuse.geometry import Array, inverse, make_transform, renormalized, rotation_angle
 from neuse.params import CheckedParams, param
 from neuse.records import Edge, EdgeKind, OdometrySample, RgbdFrame
-from neuse.slam.pose_graph import PoseGraph, SolverParams
+from neuse.slam.pose_graph import PoseGraph
+from neuse.slam.smoother import SolverParams
 
 ViewT = TypeVar("ViewT")
 HUBER_SIGMAS = 1.345  # of its loop closures

@@ -18,7 +18,8 @@ from neuse.slam.layout import View
 from neuse.slam.localization import Belief
 from neuse.slam.object_frames import reduce_codes
 from neuse.slam.odometry import Motion
-from neuse.slam.slam import ObjectSlam, SlamParams
+from neuse.slam.params import SlamParams
+from neuse.slam.slam import ObjectSlam
 from neuse.slam.track import LastSighting, Track
 from neuse.slam.tracker import ObjectTracker
 

@@ -60,9 +60,7 @@ class EdgeBuilder:
     def __init__(self, params: EdgeParams | None = None) -> None:
         self.params = params or EdgeParams()
         self.rejected = 0
-        self._closed: set[tuple[int, int, int]] = (
-            set()
-        )  # (track, its period, target keyframe) that have an edge
+        self._closed: dict[int, tuple[int, set[int]]] = {}  # by track: its last noted keyframe, its targets
 
     def short_range(
         self,
@@ -97,7 +95,8 @@ class EdgeBuilder:
         built = self._build([records[target] for target, _ in targets], new, EdgeKind.LOOP_CLOSURE, tracks)
         for (target, keys), edge in zip(targets, built, strict=True):
             if edge is not None:
-                self._closed |= {(key, tracks[key].periods[-1][-1], target) for key in keys}
+                for key in keys:
+                    self._closed_by(tracks[key]).add(target)
         return [edge for edge in built if edge is not None]
 
     def _targets(self, new: KeyframeRecord, tracks: dict[int, Track]) -> list[tuple[int, list[int]]]:
@@ -106,13 +105,19 @@ class EdgeBuilder:
         for key in new.keys.tolist():
             if not (tracks[key].confirmed and tracks[key].periods):
                 continue
-            *earlier, current = tracks[key].periods
-            for target in chain.from_iterable(earlier):
-                if (key, current[-1], target) not in self._closed:
+            closed = self._closed_by(tracks[key])
+            for target in chain.from_iterable(tracks[key].periods[:-1]):
+                if target not in closed:
                     asking.setdefault(target, []).append(key)
         count = Counter({target: len(keys) for target, keys in asking.items()})
         ordered = sorted(count, key=lambda target: (-count[target], target))
         return [(target, asking[target]) for target in ordered[: self.params.max_closures]]
+
+    def _closed_by(self, track: Track) -> set[int]:
+        """Keyframes to which it has closed a loop since it was noted last."""
+        noted, closed = self._closed.get(track.key, (track.last_noted, set[int]()))
+        self._closed[track.key] = track.last_noted, closed if noted == track.last_noted else set()
+        return self._closed[track.key][1]
 
     def _build(
         self, olds: Sequence[KeyframeRecord], new: KeyframeRecord, kind: EdgeKind, tracks: dict[int, Track]

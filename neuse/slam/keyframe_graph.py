@@ -7,11 +7,14 @@ import numpy as np
 
 from neuse.geometry import Array, adjoint, inverse
 from neuse.records import Edge, Keyframe
-from neuse.slam.backends import RECENT, Backend
-from neuse.slam.edges import EdgeBuilder, EdgeParams
-from neuse.slam.keyframes import KeyframeLibrary, KeyframeParams, KeyframeRecord
+from neuse.slam.backends import RECENT, Backend, LandmarkBackend
+from neuse.slam.edge_backend import EdgeBackend
+from neuse.slam.edges import EdgeBuilder
+from neuse.slam.keyframes import KeyframeLibrary, KeyframeRecord
 from neuse.slam.odometry import Motion
-from neuse.slam.refinement import RefinementParams, Refiner
+from neuse.slam.params import SlamParams
+from neuse.slam.refinement import Refiner
+from neuse.slam.thinning import Thinning
 from neuse.slam.track import Track
 
 LOOSE_HOLD = np.diag([0.03**2] * 6)  # rad^2, m^2: of the pose found in a known map; its objects hold more
@@ -28,14 +31,14 @@ class NewEdges(NamedTuple):
 class KeyframeGraph:
     """All keyframes of a session with their latest estimates, and how they came about."""
 
-    def __init__(
-        self, keyframes: KeyframeParams, edges: EdgeParams, refinement: RefinementParams, backend: Backend
-    ) -> None:
+    def __init__(self, params: SlamParams) -> None:
+        keyframes, edges, refinement = params.keyframes, params.edges, params.refinement
         self.library = KeyframeLibrary(keyframes)
-        self._edges, self._refiner, self._backend = EdgeBuilder(edges), Refiner(refinement), backend
+        self._edges, self._refiner, self._backend = EdgeBuilder(edges), Refiner(refinement), _backend(params)
         self._reach = max(edges.window, refinement.lags)
         self._window = edges.window
         self._first_moved = 0
+        self._thinning = Thinning(keyframes.near_m, keyframes.views)
 
     @property
     def rejected_edges(self) -> int:
@@ -77,7 +80,7 @@ class KeyframeGraph:
     ) -> None:
         """A keyframe with its start value, what ties it to others, and the tracks of the graph it sees."""
         self._backend.add_keyframe(new, T_map_camera, [*odometry, *edges.short_range], edges.closures)
-        self._backend.add_external(edges.refined)
+        self._backend.add_refined(edges.refined)
         self._backend.add_sightings(new, seen)
         self.library.records.append(new)
 
@@ -92,9 +95,38 @@ class KeyframeGraph:
 
     def solve(self, loop_closed: bool) -> None:
         """Take in everything new; unless a loop was closed, keyframes long past may stay as they were."""
-        self.library.T_map_camera = self._backend.solve(loop_closed)
+        self._place(self._backend.solve(loop_closed), is_latest=loop_closed)
         first_moved = 0 if loop_closed else max(len(self.library.records) - RECENT, 0)
         self._first_moved = min(self._first_moved, first_moved)
+
+    def _place(self, T_map_camera: Array, is_latest: bool) -> None:
+        self.library.place(self._backend.ids, T_map_camera)
+        if is_latest:
+            self.library.follow()
+
+    def thin(self, tracks: Mapping[int, Track]) -> None:
+        """The keyframe that leaves the window goes with the next solution, unless it has to stay.
+
+        One that sees nothing stays: its place is none that others could know, and it costs next to nothing.
+        """
+        leaving = len(self.library.records) - 1 - self._reach
+        landmarks = self._backend.landmarks_of(leaving) if leaving >= 0 else None
+        if not landmarks:
+            return
+        positions = self.library.T_map_camera[:, :3, 3]
+        stand_in = self._thinning.stand_in(leaving, landmarks, positions)
+        if stand_in is None:
+            self._thinning.keep(leaving, landmarks)
+        else:
+            self._let_go(leaving, stand_in, tracks)
+
+    def _let_go(self, keyframe_id: int, stand_in: int, tracks: Mapping[int, Track]) -> None:
+        T_stand_in_left = inverse(self._backend.pose(stand_in)) @ self._backend.pose(keyframe_id)
+        for key in self.library.records[keyframe_id].keys.tolist():
+            if key in tracks:
+                tracks[key].leave_keyframe(keyframe_id)
+        self.library.let_go(keyframe_id, stand_in, T_stand_in_left)
+        self._backend.remove(keyframe_id, stand_in, T_stand_in_left)
 
     def place(self, tracks: Iterable[Track]) -> None:
         """Update the places of tracks of the graph from the last solution."""
@@ -102,9 +134,9 @@ class KeyframeGraph:
 
     def move(self, T_map_session: Array, covariance: Array) -> None:
         """The session turns out to lie elsewhere, the last keyframe with this covariance (6, 6)."""
-        poses = self._backend.latest_poses()
-        A = adjoint(inverse(poses[-1]))
-        self.library.T_map_camera = T_map_session @ poses
+        self._read_all()
+        A = adjoint(inverse(self.library.T_map_camera[-1]))
+        self.library.move(T_map_session)
         self._backend.move(T_map_session, A @ covariance @ A.T + LOOSE_HOLD)
 
     def add_known(self, tracks: Sequence[Track]) -> None:
@@ -131,7 +163,8 @@ class KeyframeGraph:
 
     def all(self) -> tuple[Keyframe, ...]:
         """All keyframes with their latest estimates."""
-        return _keyframes(self.library.records, self._backend.latest_poses())
+        self._read_all()
+        return _keyframes(self.library.records, self.library.T_map_camera)
 
     def moved(self) -> tuple[Keyframe, ...]:
         """Those that are new or may have moved since this was asked last; all of them after a closure."""
@@ -140,10 +173,19 @@ class KeyframeGraph:
 
     def trajectory(self) -> list[tuple[int, Array]]:
         """(stamp_ns, T_map_camera) of every frame, through its keyframe's latest estimate."""
-        self.library.T_map_camera = self._backend.latest_poses()
+        self._read_all()
         return self.library.trajectory()
+
+    def _read_all(self) -> None:
+        self._place(self._backend.latest_poses(), is_latest=True)
 
 
 def _keyframes(records: Sequence[KeyframeRecord], T_map_camera: Array) -> tuple[Keyframe, ...]:
     pairs = zip(records, T_map_camera, strict=True)
-    return tuple(Keyframe(record.keyframe_id, record.stamp_ns, T) for record, T in pairs)
+    return tuple(Keyframe(record.keyframe_id, record.stamp_ns, T.copy()) for record, T in pairs)
+
+
+def _backend(params: SlamParams) -> Backend:
+    if params.mode == "edges":
+        return EdgeBackend(params.solver, params.edges.window)
+    return LandmarkBackend(params.solver)

@@ -2,13 +2,11 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from neuse.errors import InputError
 from neuse.geometry import Array
-from neuse.params import CheckedParams, param
 from neuse.records import (
     NO_ID,
     ChangeKind,
@@ -17,27 +15,21 @@ from neuse.records import (
     Keyframe,
     MatchStatus,
     ObjectChange,
-    Observation,
     ObservedFrame,
     OdometrySample,
     TrackedFrame,
     TrackedObservation,
 )
-from neuse.slam.association import AssociationParams
-from neuse.slam.backends import Backend, EdgeBackend, LandmarkBackend
-from neuse.slam.checks import check_choice
-from neuse.slam.edges import EdgeParams
 from neuse.slam.external import ExternalEdges
-from neuse.slam.instantiation import InstantiationParams
 from neuse.slam.keyframe_graph import KeyframeGraph
-from neuse.slam.keyframes import KeyframeParams, KeyframeRecord
+from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.layout import View
-from neuse.slam.object_frames import SigmaParams, is_usable, reduce_codes
-from neuse.slam.odometry import OdometryFix, OdometryParams
-from neuse.slam.pose_graph import SolverParams
+from neuse.slam.object_frames import is_usable, reduce_codes
+from neuse.slam.odometry import OdometryFix
+from neuse.slam.outcome import tracked_observation
+from neuse.slam.params import SlamParams
 from neuse.slam.prediction import Predictor
 from neuse.slam.prior_map import PriorMap
-from neuse.slam.refinement import RefinementParams
 from neuse.slam.relocalization import Place
 from neuse.slam.track import Track
 from neuse.slam.tracker import Located, ObjectTracker
@@ -45,33 +37,6 @@ from neuse.stopwatch import Stopwatch
 
 PLACES_AT_ONCE = 100  # read from a solution by turns, beside those in sight; all when a loop was closed
 Tracks = Sequence[Track | None]  # of each observation of a frame
-
-
-@dataclass(frozen=True)
-class SlamParams(CheckedParams):
-    """Everything that can be set in the SLAM stage; nested names are dotted in ROS."""
-
-    mode: str = param(
-        "landmarks", "landmarks: objects are in the graph; edges: the paper's edges between poses"
-    )
-    use_ambiguous: bool = param(
-        True, "let bottles and other ambiguous objects constrain poses (paper: All-object)"
-    )
-    stamp_tolerance_s: float = param(
-        0.02, "external edges name a frame by its stamp within this, s", 0.0, 10.0
-    )
-    sigmas: SigmaParams = field(default_factory=SigmaParams)
-    association: AssociationParams = field(default_factory=AssociationParams)
-    instantiation: InstantiationParams = field(default_factory=InstantiationParams)
-    keyframes: KeyframeParams = field(default_factory=KeyframeParams)
-    edges: EdgeParams = field(default_factory=EdgeParams)
-    refinement: RefinementParams = field(default_factory=RefinementParams)
-    odometry: OdometryParams = field(default_factory=OdometryParams)
-    solver: SolverParams = field(default_factory=SolverParams)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_choice("mode", self.mode, ("landmarks", "edges"))
 
 
 class ObjectSlam:
@@ -91,7 +56,7 @@ class ObjectSlam:
         self.stopwatch = Stopwatch()
         self._tracker = ObjectTracker(params.association, params.instantiation, params.use_ambiguous)
         self._predictor = Predictor(params.odometry, self.counters)
-        self._graph = KeyframeGraph(params.keyframes, params.edges, params.refinement, _backend(params))
+        self._graph = KeyframeGraph(params)
         self._externals = ExternalEdges(params.stamp_tolerance_s, self.counters)
         self._last_stamp_ns: int | None = None
 
@@ -244,7 +209,7 @@ class ObjectSlam:
         similar = self._tracker.similar_ids(view.codes)
         tracked = [TrackedObservation(unusable, MatchStatus.TENTATIVE) for unusable in frame.observations]
         for i, track, similar_ids in zip(usable, tracks, similar, strict=True):
-            tracked[i] = _tracked_observation(frame.observations[i], track, similar_ids, fresh)
+            tracked[i] = tracked_observation(frame.observations[i], track, similar_ids, fresh)
         return tuple(tracked)
 
     def _record(self, stamp_ns: int, view: View, tracks: Tracks, fix: OdometryFix | None) -> KeyframeRecord:
@@ -271,6 +236,7 @@ class ObjectSlam:
         in_graph = [track for track in seen if track.in_graph]
         self._graph.add(record, T_map_camera, [*odometry, *guessed], edges, in_graph)
         with self.stopwatch.timed("optimise"):
+            self._graph.thin(tracks)
             self._solve(bool(edges.closures) or located.relocalized)
         return [*odometry, *edges.short_range, *edges.closures]
 
@@ -289,20 +255,3 @@ class ObjectSlam:
         belief = self._tracker.belief
         of_keyframe = self._graph.covariance(belief.T_map_camera)
         return of_keyframe if is_keyframe else of_keyframe + belief.covariance
-
-
-def _tracked_observation(
-    observation: Observation, track: Track | None, similar_ids: tuple[int, ...], fresh: Sequence[Track]
-) -> TrackedObservation:
-    if track is not None and track.confirmed:
-        status = MatchStatus.NEW if track in fresh else MatchStatus.MATCHED
-        others = tuple(i for i in similar_ids if i != track.object_id)
-        return TrackedObservation(observation, status, track.object_id, others)
-    status = MatchStatus.UNMATCHED if similar_ids else MatchStatus.TENTATIVE
-    return TrackedObservation(observation, status, NO_ID, similar_ids)
-
-
-def _backend(params: SlamParams) -> Backend:
-    if params.mode == "edges":
-        return EdgeBackend(params.solver, params.edges.window)
-    return LandmarkBackend(params.solver)

@@ -7,7 +7,7 @@ import gtsam
 from neuse.geometry import Array, renormalized
 from neuse.records import Edge
 from neuse.slam.factors import edge_factor, origin_factor, pose_key, solver_errors
-from neuse.slam.pose_graph import SolverParams
+from neuse.slam.smoother import SolverParams
 
 
 class SlidingWindow:

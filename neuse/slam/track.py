@@ -39,7 +39,8 @@ class Track:
     mapped_at, seen_at: (2,) reading of the drift clock (rad^2, m^2) when it was met first and last.
     anchored: the graph says where it stands.
     last_sure: last frame that showed clearly that it is still the same; any, until it has been seen clearly.
-    periods: keyframes of every period of sight, the first and then one every so often.
+    periods: keyframes of every period of sight, the first and then one every so often, as far as they still
+        are in the graph.    last_noted: the last of them.
     changed: whatever is set, the track notes itself here, since the library keeps it in a table as well.
     """
 
@@ -67,6 +68,7 @@ class Track:
     seen_clearly: bool = False
     last_sure: int = 0
     last_keyframe: int = NO_ID
+    last_noted: int = NO_ID
     periods: list[list[int]] = field(default_factory=list)
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -113,10 +115,19 @@ class Track:
         After the first of a period, every `spacing`th of all keyframes counts: objects share such keyframes.
         """
         if self.last_keyframe == NO_ID or keyframe_id - self.last_keyframe > gap:
+            self.periods = [period for period in self.periods if period]
             self.periods.append([keyframe_id])
+            self.last_noted = keyframe_id
         elif keyframe_id % spacing == 0:
             self.periods[-1].append(keyframe_id)
+            self.last_noted = keyframe_id
         self.last_keyframe = keyframe_id
+
+    def leave_keyframe(self, keyframe_id: int) -> None:
+        """A keyframe that saw it has left the graph."""
+        for period in self.periods:
+            if keyframe_id in period:
+                period.remove(keyframe_id)
 
 
 def shape_noise(code: Code) -> float:

@@ -16,7 +16,8 @@ from neuse.params import param
 from neuse.records import NO_ID, OdometrySample, TrackedFrame
 from neuse.slam.feedback import DELAY_S, ChangeFeedback
 from neuse.slam.joining import Joiner, JoiningParams
-from neuse.slam.slam import ObjectSlam, SlamParams
+from neuse.slam.params import SlamParams
+from neuse.slam.slam import ObjectSlam
 from neuse_encoder_node.conversions import observed_frame_from_msg, stamp_from_msg
 from neuse_encoder_node.qos import latched, reliable, sensor
 from neuse_encoder_node.run import run

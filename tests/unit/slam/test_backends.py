@@ -8,11 +8,13 @@ import pytest
 from neuse.errors import SolverError
 from neuse.geometry import exp, inverse
 from neuse.records import Edge, EdgeKind
-from neuse.slam.backends import LEVER_M, EdgeBackend, LandmarkBackend, landmark_points
+from neuse.slam.backends import LandmarkBackend
+from neuse.slam.edge_backend import EdgeBackend
 from neuse.slam.keyframes import KeyframeRecord
+from neuse.slam.landmarks import LEVER_M, landmark_points
 from neuse.slam.object_frames import SigmaParams, reduce_codes
-from neuse.slam.pose_graph import SolverParams
 from neuse.slam.sliding_window import SlidingWindow
+from neuse.slam.smoother import SolverParams
 from neuse.symmetry import BOX
 
 from .synthetic import make_code, make_thing

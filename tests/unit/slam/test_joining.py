@@ -8,8 +8,9 @@ import pytest
 from neuse.geometry import inverse, rotation_angle
 from neuse.records import NO_ID, MatchStatus, ObjectStatus
 from neuse.slam.joining import Joiner, JoiningParams, moved
+from neuse.slam.params import SlamParams
 from neuse.slam.prior_map import PriorMap
-from neuse.slam.slam import ObjectSlam, SlamParams
+from neuse.slam.slam import ObjectSlam
 
 from .known_maps import ELSEWHERE, map_of
 from .synthetic import World, small_world

@@ -139,6 +139,18 @@ def test_periods_of_sight_end_after_a_gap(scene):
     assert track.periods == [[3, 10], [25]]
 
 
+def test_keyframes_that_left_the_graph_end_no_period_and_count_in_none(scene):
+    track = scene.tracks[0]
+    for keyframe in (3, 5, 10, 25, 26):
+        track.enter_keyframe(keyframe, gap=10, spacing=5)
+    for keyframe in (3, 25, 26):
+        track.leave_keyframe(keyframe)
+    assert track.periods == [[5, 10], []]
+    assert track.last_noted == 25
+    track.enter_keyframe(40, gap=10, spacing=5)
+    assert track.periods == [[5, 10], [40]]
+
+
 def test_drift_counts_from_the_last_sight(scene):
     drift = drift_between(scene.tracks, np.array([0.1, 0.4]))
     np.testing.assert_allclose(drift, [[0.1, 0.4]] * 3)

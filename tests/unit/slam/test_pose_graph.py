@@ -17,8 +17,9 @@ from neuse.slam.factors import (
     smooth_motion_factor,
     velocity_key,
 )
-from neuse.slam.pose_graph import PoseGraph, SolverParams
+from neuse.slam.pose_graph import PoseGraph
 from neuse.slam.sliding_window import SlidingWindow
+from neuse.slam.smoother import SolverParams
 
 SIGMAS = np.array([0.01, 0.02, 0.03, 0.1, 0.2, 0.3])
 
@@ -176,7 +177,7 @@ def test_loose_points_are_no_reason_to_relinearise_what_sees_them():
             seen = np.array([0.0, 0.0, range_m])
             graph.add_sighting(0, 7, seen, np.diag([1e-4, 1e-4, 0.09]), seen, loose)
             graph.solve()
-            moved_m.append(np.abs(graph._isam.getDelta().at(graph._points[7])).max())
+            moved_m.append(np.abs(graph._smoother.isam.getDelta().at(graph._points[7])).max())
         relinearised[loose] = min(moved_m[2:])
         assert graph.points()[7][2] == pytest.approx(2.03, abs=0.005)
     assert relinearised[False] < 0.01 < relinearised[True]
@@ -235,9 +236,9 @@ def test_sigmas_too_far_apart_for_the_fast_factorisation_are_solved_by_the_safe_
         if i:
             noise = SIGMAS if i < 3 else sigmas
             graph.add_edge(make_edge(i - 1, i, inverse(poses[i - 1]) @ T_map_camera, noise), robust=False)
-        before = graph._isam
+        before = graph._smoother.isam
         graph.solve()
-        (fast if graph._isam is before else safe).append(i)
+        (fast if graph._smoother.isam is before else safe).append(i)
     assert fast[:3] == [0, 1, 2]
     assert safe
     solve(graph, times=10)
@@ -370,3 +371,41 @@ def test_known_points_pull_a_moved_graph_to_where_they_are():
         graph.add_known_point(j, transform_points(T_NEW_OLD, point), 1e-6 * np.eye(3))
     solve(graph, times=20)
     assert np.linalg.norm(log(inverse(T_NEW_OLD @ poses[-1]) @ graph.poses()[-1])) < 0.03
+
+
+def test_keyframe_goes_with_all_that_was_said_of_it():
+    """And does not come back when the graph is moved elsewhere."""
+    (graph, poses), (other, _) = wandered(), wandered()
+    graph.add_edge(make_edge(1, 3, inverse(poses[1]) @ poses[3], 0.1 * SIGMAS))
+    graph.remove(2)
+    solve(graph, times=10)
+    assert graph.ids.tolist() == [0, 1, 3, 4, 5]
+    np.testing.assert_allclose(graph.poses(), other.poses()[[0, 1, 3, 4, 5]], atol=0.05)
+    np.testing.assert_array_equal(graph.poses(first=3), graph.poses()[3:])
+    with pytest.raises(SolverError):
+        graph.covariance(2)
+    before = graph.poses()
+    graph.move(T_NEW_OLD)
+    graph.add_hold(0, T_NEW_OLD @ before[0], 1e-8 * np.eye(6))
+    solve(graph, times=30)
+    np.testing.assert_allclose(graph.poses(), T_NEW_OLD @ before, atol=1e-3)
+
+
+def test_keyframe_that_waits_to_go_does_not_come_back_with_a_graph_begun_anew():
+    graph, poses = wandered()
+    graph.remove(2)
+    graph.move(T_NEW_OLD)
+    graph.add_hold(0, T_NEW_OLD @ poses[0], 1e-8 * np.eye(6))
+    graph.solve()
+    assert graph.ids.tolist() == [0, 1, 3, 4, 5]
+    assert len(graph.poses()) == 5
+
+
+def test_keyframe_goes_whose_velocity_nothing_tells_any_more():
+    graph, _ = wandered(n=3)
+    graph.remove(1)
+    graph.solve()
+    graph.remove(0)
+    graph.add_hold(2, np.eye(4), 1e-4 * np.eye(6))
+    graph.solve()
+    assert graph.ids.tolist() == [2]

@@ -11,7 +11,8 @@ from neuse.errors import InputError, ParamError
 from neuse.geometry import exp, inverse, log
 from neuse.params import build, flatten
 from neuse.records import ChangeKind, Edge, EdgeKind, MatchStatus, ObjectChange
-from neuse.slam.slam import ObjectSlam, SlamParams
+from neuse.slam.params import SlamParams
+from neuse.slam.slam import ObjectSlam
 
 from .synthetic import large_world, small_world
 from .trajectories import ate_rmse_m

@@ -1,0 +1,117 @@
+"""iSAM2 over a graph to which factors and vertices come, and from which they go."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import gtsam
+import numpy as np
+
+from neuse.errors import SolverError
+from neuse.params import CheckedParams, param
+from neuse.slam.factors import BIAS, LOOSE_POINT, POINT, POSE, VELOCITY, solver_errors
+
+LOOSE_FACTOR = 10.0  # loose points may move so much further before they are relinearised
+NEVER = 1e9  # threshold of what enters linearly and need not be relinearised
+FAST, SAFE = "CHOLESKY", "QR"  # factorisations; the second can do where the first finds sigmas too far apart
+
+
+@dataclass(frozen=True)
+class SolverParams(CheckedParams):
+    """How the graph is solved."""
+
+    cauchy_sigmas: float = param(3.0, "scale of the Cauchy kernel on sightings, sigmas", 0.1, 100.0)
+    huber_sigmas: float = param(3.0, "threshold of the Huber kernel on edges, sigmas", 0.1, 100.0)
+    relinearize_m_rad: float = param(
+        0.01, "iSAM2 relinearises what moved more than this, m or rad", 1e-6, 1.0
+    )
+    relinearize_every: int = param(5, "solutions between two relinearisations", 1, 1000)
+    acceleration_mps2: float = param(
+        0.3,
+        "the camera moves smoothly: white noise of its acceleration, m/s^2/sqrt(Hz); 0: it may jerk",
+        0.0,
+        1e3,
+    )
+    window_iterations: int = param(20, "most Levenberg-Marquardt iterations in the window", 1, 100)
+
+
+class Smoother:
+    """Factors and start values wait for the next solution; what is no more part of the graph goes with it."""
+
+    def __init__(self, params: SolverParams) -> None:
+        self.params = params
+        self.isam = gtsam.ISAM2(_isam_params(params, FAST))
+        self._new_factors, self._new_values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        self._leaving: set[int] = set()
+
+    def add(self, factor: gtsam.NonlinearFactor) -> None:
+        """One more factor."""
+        self._new_factors.add(factor)
+
+    def insert(self, key: int, value: Any) -> None:
+        """A new vertex with its start value."""
+        self._new_values.insert(key, value)
+
+    def remove(self, keys: Iterable[int]) -> None:
+        """Vertices of the solved graph go, and with them all factors that say something of them."""
+        self._leaving.update(keys)
+
+    def solve(self) -> None:
+        """Take in what was added and update the estimates.
+
+        Raises:
+            SolverError: the graph leaves something open; only a new graph helps.
+        """
+        try:
+            self._update()
+        except SolverError:
+            self.begin_anew(self.isam.getLinearizationPoint(), SAFE)
+            self._update()
+
+    def begin_anew(self, values: gtsam.Values, factorization: str, without: tuple[type, ...] = ()) -> None:
+        """The same graph with other start values waits for its solution; factors of some types are gone."""
+        factors, self._new_factors = self.isam.getFactorsUnsafe(), gtsam.NonlinearFactorGraph()
+        for factor in (factors.at(i) for i in range(factors.size()) if factors.exists(i)):
+            if not isinstance(factor, without) and self._leaving.isdisjoint(factor.keys()):
+                self._new_factors.add(factor)
+        self._new_values = gtsam.Values(values)
+        for key in filter(values.exists, self._leaving):
+            self._new_values.erase(key)
+        self._leaving.clear()
+        self.isam = gtsam.ISAM2(_isam_params(self.params, factorization))
+
+    def _update(self) -> None:
+        with solver_errors():
+            self.isam.update(self._new_factors, self._new_values, self._leaving_factors())
+        self._new_factors, self._new_values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        self._leaving.clear()
+
+    def _leaving_factors(self) -> list[int]:
+        """Places of the factors of all vertices that leave; without factors a vertex is gone."""
+        if not self._leaving:
+            return []
+        factors_of = self.isam.getVariableIndex()
+        present = [key for key in self._leaving if self.isam.valueExists(key)]
+        return sorted({index for key in present for index in factors_of.at(key)})
+
+
+def _isam_params(params: SolverParams, factorization: str) -> gtsam.ISAM2Params:
+    isam_params = gtsam.ISAM2Params()
+    isam_params.setRelinearizeThreshold(_thresholds(params.relinearize_m_rad))
+    isam_params.relinearizeSkip = params.relinearize_every
+    isam_params.findUnusedFactorSlots = True
+    isam_params.setFactorization(factorization)
+    return isam_params
+
+
+def _thresholds(m_rad: float) -> gtsam.ISAM2ThresholdMap:
+    thresholds = gtsam.ISAM2ThresholdMap()
+    for letter, least in (
+        (POSE, [m_rad] * 6),
+        (POINT, [m_rad] * 3),
+        (LOOSE_POINT, [LOOSE_FACTOR * m_rad] * 3),
+        (VELOCITY, [NEVER] * 3),
+        (BIAS, [NEVER] * 6),
+    ):
+        thresholds.insert((letter, np.array(least)))
+    return thresholds
