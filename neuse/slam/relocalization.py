@@ -4,7 +4,7 @@ Pairs of a track of the session and an object of the map that are alike in shape
 edges join pairs whose mutual distance, axes and offsets agree, and the largest clique is the answer. Unlike
 within a session there is no expectation of the pose, so that chance has to be ruled out: a layout counts only
 if so few would arise by chance in this very map (an a-contrario test), if no other one rivals it, if more
-objects are in their places than are not, and if it is found again and again.
+objects are in their places than are not, if it is found again and again, and if it tells the camera's pose.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from math import comb
 import numpy as np
 
 from neuse.errors import DegenerateGeometryError
-from neuse.geometry import Array, inverse, rotation_angle, transform_points
+from neuse.geometry import Array, adjoint, inverse, rotation_angle, transform_points
 from neuse.params import CheckedParams, param
 from neuse.slam.clique import max_weight_clique
 from neuse.slam.layout import angles_between
@@ -51,6 +51,8 @@ class RelocalizationParams(CheckedParams):
         0.003, "so many layouts as large as this may be expected to agree by chance", 0.0, 1.0
     )
     confirmations: int = param(3, "times in a row that the same place must be found", 1, 100)
+    max_sigma_m: float = param(0.04, "the camera's position there is known within this, metres", 1e-3, 10.0)
+    max_sigma_rad: float = param(0.04, "and its rotation within this, rad", 1e-3, 3.15)
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,16 @@ class Relocalizer:
         again = place is not None and self._is_as_before(place, T_session_camera)
         self._times = self._times + 1 if again else 0 if place is None else 1
         self._last = place
-        return place if self._times >= self.params.confirmations else None
+        if place is None or self._times < self.params.confirmations:
+            return None
+        return place if self._is_precise(place, T_session_camera) else None
+
+    def _is_precise(self, place: Place, T_session_camera: Array) -> bool:
+        """Whether it tells where the camera is: few objects in one line, or far away, hardly do."""
+        A = adjoint(inverse(T_session_camera))
+        variances = np.diag(A @ place.covariance @ A.T)
+        sigma_rad, sigma_m = np.sqrt([variances[:3].sum(), variances[3:].sum()])
+        return bool(sigma_m <= self.params.max_sigma_m and sigma_rad <= self.params.max_sigma_rad)
 
     def forget(self) -> None:
         """Begin anew."""

@@ -179,3 +179,12 @@ def test_places_that_differ_do_not_confirm_each_other():
     for prior in (prior_of(things), elsewhere, prior_of(things)):
         assert relocalizer.look(tracks, prior, np.eye(4)) is None
     assert relocalizer.look(tracks, prior_of(things), np.eye(4)) is not None
+
+
+def test_place_is_not_believed_where_the_camera_is_too_far_off_to_be_told():
+    things, relocalizer = small_world(1).things, Relocalizer(replace(PARAMS, confirmations=1))
+    prior, tracks = prior_of(things), tracks_of(things[:5])
+    far_off = make_transform(np.eye(3), [0.0, 0.0, 30.0])
+    assert relocalizer.look(tracks, prior, far_off) is None
+    assert relocalizer.look(tracks, prior, far_off) is None
+    assert relocalizer.look(tracks, prior, np.eye(4)) is not None
