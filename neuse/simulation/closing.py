@@ -20,7 +20,7 @@ SEAL_CELLS = 1.0  # no way leads through a surface for what stays as far away fr
 LEAST_FLATNESS = 0.02
 _BORDER_CELLS = 3
 _FAR_CELLS = 3.0
-_SAMPLES_PER_CELL = 8  # on a cell's face
+_SAMPLES_PER_CELL, _MOST_SAMPLES = 8, 3_000_000  # on a cell's face; in all, of surfaces in many layers
 _NEIGHBOURS = np.ones((3, 3, 3), dtype=bool)
 
 
@@ -41,7 +41,7 @@ def solid_of(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
 
 def _distance(mesh: trimesh.Trimesh, origin: Array, cell_m: float) -> Array:
     """Of each point of a grid from the surface, in cells, up to _FAR_CELLS."""
-    n_samples = int(_SAMPLES_PER_CELL * mesh.area / cell_m**2)
+    n_samples = int(min(_SAMPLES_PER_CELL * mesh.area / cell_m**2, _MOST_SAMPLES))
     points, _ = trimesh.sample.sample_surface(mesh, n_samples, seed=0)
     samples = (np.asarray(points) - origin) / cell_m
     shape = np.ceil(mesh.extents / cell_m).astype(int) + 2 * _BORDER_CELLS + 1

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import redirect_stderr
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import safetensors.torch
@@ -23,6 +24,7 @@ from neuse.embedding.embedding import Embedding, load_embedding
 from neuse.embedding.network import save_network
 from neuse.mapping.mapper import ObjectMapper
 from neuse.records import RgbdFrame
+from neuse.simulation import closing
 from neuse.simulation.meshes import load_meshes
 from neuse_bags import topics
 from neuse_bags.conversions import odometry_to_msg
@@ -43,6 +45,7 @@ from .spoiling import spoiled_bytes, spoiled_json, spoiled_text
 from .target import Target
 
 MESHES = ("obj", "ply", "stl", "glb")
+COARSE_CELLS = 16
 PARAMETER_FILE = """
 /**:
   ros__parameters: {use_sim_time: true, queue_size: 5}
@@ -255,7 +258,9 @@ def _mesh_targets(folder: Path) -> Iterator[Target]:
 
 
 def _load_mesh(path: Path) -> None:
-    for shape in load_meshes(path.parent.parent, "mug"):
+    with mock.patch.object(closing, "CELLS", COARSE_CELLS):  # an open mesh takes seconds at full resolution
+        shapes = load_meshes(path.parent.parent, "mug")
+    for shape in shapes:
         assert shape.mesh.is_volume
         assert np.isfinite(shape.mesh.vertices).all()
 
