@@ -12,6 +12,7 @@ from rclpy.qos import QoSProfile
 
 from neuse_encoder_node.conversions import stamp_from_msg
 
+SETTLE_S = 0.5  # the node must know, too, where its answers go
 WAIT_S = 120.0
 
 
@@ -82,6 +83,7 @@ class Peer:
         """Call a service of the node under test."""
         client = self._node.create_client(service_type, name)
         self.wait_for(client.service_is_ready, f"service {name}")
+        self.spin(SETTLE_S)
         future = client.call_async(request)
         self.wait_for(future.done, f"answer of {name}")
         return future.result()
