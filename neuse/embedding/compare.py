@@ -32,7 +32,8 @@ TEXT = """# Recipes compared
 
 Each recipe is trained for {minutes:g} minutes a category on one CPU core, with {shards} shards of 25 shapes,
 and evaluated on {scenes} scenes of unseen shapes (1.5 mm depth noise, hidden as in training). Medians (90th
-percentiles), n pairs of views; bold: within the bar, which is meant for the finished weights.
+percentiles), n pairs of views; bold: within the bar, which is meant for the finished weights. So short a time
+shows how fast a recipe learns, not how far it gets.
 
 - **shipped**: the object's frame is supervised directly, with a shape contrast and predicted uncertainties.
 - **paper**: the paper's vector-neuron encoder and losses, Horn over all 512 latent points; 64 channels.
