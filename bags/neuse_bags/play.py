@@ -136,12 +136,12 @@ def play(args: argparse.Namespace) -> None:
         awaited = args.wait_topics or [name for name in bag.topics if name.endswith(NODE_INPUTS)]
         missing = wait_for_subscribers(node, awaited, args.wait_for, stop)
         if missing and not stop.is_set():
-            _miss(missing, needed=bool(args.wait_topics))
+            _tell_missing(missing, needed=bool(args.wait_topics))
         player.play(stop)
         print(player.summary())
 
 
-def _miss(topics: Iterable[str], needed: bool) -> None:
+def _tell_missing(topics: Iterable[str], needed: bool) -> None:
     """Raises BagError where somebody must listen."""
     told = f"nobody listens to {', '.join(topics)}"
     if needed:

@@ -161,8 +161,8 @@ def coming_back(results: SeededResults, seeds: int) -> Table:
         "Coming back to a saved map",
         f"{len(everything)} random starts that show three objects which stayed, a third of all having "
         "moved or gone; by codes alone, in ten seconds. Found: within 0.05 m and 2 degrees; wrong: off by "
-        "0.10 m or 10 degrees. Medians (worst) of the time it took and of the error; changes found / false, "
-        "which are halves of moves whose other half has not come into sight.",
+        "0.10 m or 10 degrees. Medians (worst) of the time it took and of the error; changes found / false; "
+        "a move of which only one place has come into sight counts as false.",
         ("", "found", "wrong", "after (s)", "error (m)", "error (degrees)", "changes"),
         (*rows, ("all", *summary(everything))),
         command("returns", seeds),
