@@ -139,16 +139,12 @@ class RerunScene:
 
     def _markers(self, message: Any) -> None:
         """The meshes among the markers; labels and arrows have their equals in boxes and changes."""
-        for marker in message.markers:
-            entity = f"map/objects/{marker.id}"
-            if marker.action == Marker.DELETEALL:
-                self._drawn_meshes.clear()
-                self._log("map/objects", rr.Clear(recursive=True))
-            elif marker.ns == "objects" and marker.action == Marker.DELETE:
-                self._drawn_meshes.pop(entity, None)
-                self._log(entity, rr.Clear(recursive=True))
-            elif marker.type == Marker.TRIANGLE_LIST:
-                self._mesh(entity, marker)
+        meshes = {f"map/objects/{m.id}": m for m in message.markers if m.type == Marker.TRIANGLE_LIST}
+        for entity in sorted(self._drawn_meshes.keys() - meshes.keys()):
+            del self._drawn_meshes[entity]
+            self._log(entity, rr.Clear(recursive=True))
+        for entity, marker in meshes.items():
+            self._mesh(entity, marker)
 
     def _mesh(self, entity: str, marker: Any) -> None:
         """A mesh, unless it is drawn already."""

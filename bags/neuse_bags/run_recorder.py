@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 
-from neuse.mapping.markers import MarkerBoard, map_points
+from neuse.mapping.markers import map_points, scene_markers
 from neuse.pipeline import Pipeline, PipelineResult
 from neuse.records import NO_ID, ObjectChange
 from neuse_bags import topics
@@ -24,7 +24,6 @@ class RunRecorder:
     def __init__(self, writer: BagWriter, pipeline: Pipeline) -> None:
         topics.declare(writer, topics.OUTPUT_TOPICS)
         self._writer, self._pipeline = writer, pipeline
-        self._board = MarkerBoard()
         self._health = Health()
         self._stamp_ns = self._next_map_ns = self._next_draw_ns = 0
 
@@ -77,7 +76,7 @@ class RunRecorder:
 
     def _draw(self) -> None:
         mapper = self._pipeline.mapper
-        markers = self._board.draw(mapper.object_map, mapper.mesh, mapper.changes)
+        markers = scene_markers(mapper.object_map, mapper.mesh, mapper.changes)
         self._write(topics.MARKERS, markers_to_msg(markers, self._stamp_ns, MAP_FRAME))
         points, colors = map_points(mapper.object_map, mapper.mesh)
         self._write(topics.MAP_POINTS, points_to_msg(points, colors, self._stamp_ns, MAP_FRAME))

@@ -31,7 +31,6 @@ class MarkerKind(Enum):
     MESH = "mesh"
     TEXT = "text"
     ARROW = "arrow"
-    DELETE = "delete"
     DELETE_ALL = "delete_all"
 
 
@@ -52,37 +51,24 @@ class Marker:
     text: str = ""
 
 
+CLEAN_SHEET = Marker("", 0, MarkerKind.DELETE_ALL, np.zeros((0, 3)))
 Meshes = Callable[[int], trimesh.Trimesh]
 
 
-class MarkerBoard:
-    """Draws the whole map each time, so that a viewer that joins late sees all, and deletes what went."""
-
-    def __init__(self) -> None:
-        self._drawn: set[tuple[str, int]] = set()
-
-    def draw(self, object_map: ObjectMap, mesh: Meshes, changes: Sequence[ObjectChange]) -> list[Marker]:
-        """Markers of the present map; `mesh` gives an object's shape in the map frame."""
-        markers = scene_markers(object_map, mesh, changes)
-        drawn = {(marker.namespace, marker.marker_id) for marker in markers}
-        gone = [Marker(*key, MarkerKind.DELETE, np.zeros((0, 3))) for key in sorted(self._drawn - drawn)]
-        self._drawn = drawn
-        return gone + markers
-
-    def clear(self) -> list[Marker]:
-        """The marker that empties a viewer."""
-        self._drawn = set()
-        return [Marker("", 0, MarkerKind.DELETE_ALL, np.zeros((0, 3)))]
-
-
 def scene_markers(object_map: ObjectMap, mesh: Meshes, changes: Sequence[ObjectChange]) -> list[Marker]:
-    """A mesh for each object that is there, a label for each, and an arrow for each object's latest move."""
+    """A clean sheet, a mesh for each object that is there, a label for each, an arrow for its latest move.
+
+    Whole each time: a viewer that joins late, or that missed a drawing, has all of the map and nothing else.
+
+    Args:
+        mesh: gives an object's shape in the map frame, by its id.
+    """
     present = [known for known in object_map.objects if known.status != ObjectStatus.REMOVED]
     meshes = [_mesh_marker(known, mesh) for known in present]
     labels = [_label(known) for known in object_map.objects]
     listed = {known.object_id for known in present}
     moves = {c.object_id: c for c in changes if c.kind == ChangeKind.MOVED and c.object_id in listed}
-    return meshes + labels + [_arrow(change) for change in moves.values()]
+    return [CLEAN_SHEET, *meshes, *labels, *map(_arrow, moves.values())]
 
 
 def map_points(object_map: ObjectMap, mesh: Meshes) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 from neuse.mapping.mapper import ObjectMapper
-from neuse.mapping.markers import MarkerBoard, map_points
+from neuse.mapping.markers import CLEAN_SHEET, map_points, scene_markers
 from neuse_encoder_node.qos import latched
 from neuse_mapper_node.conversions import markers_to_msg, points_to_msg
 
@@ -24,7 +24,7 @@ class Canvas:
     def __init__(self, offer: Offer, map_frame: str) -> None:
         self._markers = offer(MarkerArray, "neuse/markers", latched())
         self._points = offer(PointCloud2, "neuse/map_points", latched())
-        self._map_frame, self._board = map_frame, MarkerBoard()
+        self._map_frame = map_frame
 
     @property
     def is_watched(self) -> bool:
@@ -39,12 +39,12 @@ class Canvas:
             return mapper.mesh(object_id, now=False)
 
         sketch = mapper.sketch
-        markers = self._board.draw(sketch, mesh, mapper.changes)
+        markers = scene_markers(sketch, mesh, mapper.changes)
         points, colors = map_points(sketch, mesh)
         self._markers.publish(markers_to_msg(markers, sketch.stamp_ns, self._map_frame))
         self._points.publish(points_to_msg(points, colors, sketch.stamp_ns, self._map_frame))
 
     def clear(self) -> None:
         """Empty the viewers."""
-        self._markers.publish(markers_to_msg(self._board.clear(), 0, self._map_frame))
+        self._markers.publish(markers_to_msg([CLEAN_SHEET], 0, self._map_frame))
         self._points.publish(points_to_msg(np.zeros((0, 3)), np.zeros((0, 3)), 0, self._map_frame))

@@ -30,7 +30,6 @@ KINDS = {
     MarkerKind.TEXT: MarkerMsg.TEXT_VIEW_FACING,
     MarkerKind.ARROW: MarkerMsg.ARROW,
 }
-ACTIONS = {MarkerKind.DELETE: MarkerMsg.DELETE, MarkerKind.DELETE_ALL: MarkerMsg.DELETEALL}
 POINT = np.dtype([("xyz", "<f4", 3), ("rgb", "<u4")])
 
 
@@ -129,8 +128,8 @@ def _object_from_msg(message: MapObjectMsg) -> MapObject:
 
 def _marker_to_msg(marker: Marker, header: Header) -> MarkerMsg:
     message = MarkerMsg(header=header, ns=marker.namespace, id=marker.marker_id)
-    message.action = ACTIONS.get(marker.kind, MarkerMsg.ADD)
-    if marker.kind in ACTIONS:
+    if marker.kind == MarkerKind.DELETE_ALL:
+        message.action = MarkerMsg.DELETEALL
         return message
     message.type = KINDS[marker.kind]
     red, green, blue, alpha = map(float, marker.color)

@@ -189,7 +189,8 @@ def test_map_is_saved_forgotten_and_loaded_with_the_same_ids(
     assert reset.success
     markers = mapped.peer.heard["neuse/markers"]
     mapped.peer.wait_for(
-        lambda: markers and markers[-1].markers[0].action == Marker.DELETEALL, "a clean sheet"
+        lambda: any([m.action for m in drawing.markers] == [Marker.DELETEALL] for drawing in markers),
+        "a clean sheet",
     )
     mapped.peer.wait_for(lambda: not mapped.maps[-1].objects, "an empty map")
 

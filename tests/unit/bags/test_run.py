@@ -112,17 +112,12 @@ def _tracked(frame: RgbdFrame, number: int, T_map_camera: np.ndarray) -> Tracked
 def ran(
     frames_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> tuple[Path, MadeUpPipeline, dict]:
-    monkeypatch.setattr("neuse_bags.run_recorder.MarkerBoard", _NoMarkers)
+    monkeypatch.setattr("neuse_bags.run_recorder.scene_markers", lambda *_: [])
     monkeypatch.setattr("neuse_bags.run_recorder.map_points", lambda *_: (np.zeros((0, 3)), np.zeros((0, 3))))
     pipeline, path = MadeUpPipeline(), tmp_path / "recording.mcap"
     with BagReader(frames_bag) as bag, BagWriter(path) as writer:
         faults = run_pipeline(bag, writer, pipeline)
     return path, pipeline, dict(faults)
-
-
-class _NoMarkers:
-    def draw(self, *_: object) -> list:
-        return []
 
 
 def test_every_frame_meets_its_own_odometry(ran, frames: list[RgbdFrame]) -> None:

@@ -1,12 +1,10 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import trimesh
 
 from neuse.errors import MeshError
 from neuse.geometry import make_transform
-from neuse.mapping.markers import MarkerBoard, MarkerKind, map_points, object_color, scene_markers
+from neuse.mapping.markers import CLEAN_SHEET, MarkerKind, map_points, object_color, scene_markers
 from neuse.records import ChangeKind, MapObject, ObjectChange, ObjectMap, ObjectStatus
 
 from .synthetic import make_code, make_world, orbit, standing
@@ -45,7 +43,7 @@ def test_each_present_object_has_a_mesh_and_a_label():
 def test_removed_object_has_a_label_but_no_mesh_and_no_points():
     object_map = ObjectMap(0, (known(1, ObjectStatus.REMOVED),))
     markers = scene_markers(object_map, cube, ())
-    assert [marker.text for marker in markers] == ["mug 1 (removed)"]
+    assert [marker.text for marker in markers[1:]] == ["mug 1 (removed)"]
     assert len(map_points(object_map, cube)[0]) == 0
 
 
@@ -60,23 +58,13 @@ def test_names_are_unique():
     objects = (known(1, ObjectStatus.MOVED), known(2))
     markers = scene_markers(ObjectMap(0, objects), cube, (moved(1, 0.3),))
     names = [(marker.namespace, marker.marker_id) for marker in markers]
-    assert len(set(names)) == len(names) == 5
+    assert len(set(names)) == len(names) == 6
 
 
-def test_what_is_no_longer_drawn_is_deleted_once():
-    board = MarkerBoard()
-    board.draw(ObjectMap(0, (known(1), known(2))), cube, ())
-    after = ObjectMap(1, (replace(known(1), status=ObjectStatus.REMOVED),))
-    deleted = {(m.namespace, m.marker_id) for m in board.draw(after, cube, ()) if m.kind == MarkerKind.DELETE}
-    assert deleted == {("objects", 1), ("objects", 2), ("labels", 2)}
-    assert not of_kind(board.draw(after, cube, ()), MarkerKind.DELETE)
-
-
-def test_cleared_board_deletes_all_and_nothing_after_it():
-    board = MarkerBoard()
-    board.draw(ObjectMap(0, (known(1),)), cube, ())
-    assert [marker.kind for marker in board.clear()] == [MarkerKind.DELETE_ALL]
-    assert board.draw(ObjectMap(0), cube, ()) == []
+@pytest.mark.parametrize("objects", [(), (known(1), known(2))])
+def test_every_drawing_begins_with_a_clean_sheet(objects):
+    markers = scene_markers(ObjectMap(0, objects), cube, ())
+    assert [marker is CLEAN_SHEET for marker in markers] == [True] + 2 * len(objects) * [False]
 
 
 def test_object_that_cannot_be_decoded_is_drawn_as_its_box():
@@ -106,13 +94,13 @@ def test_after_a_loop_closure_everything_is_drawn_in_place_and_no_ghost_stays():
     """The second visit starts off its place under new ids, is drawn so, and then put right."""
     off = np.array([0.0, 0.0, 0.03, 0.15, 0.05, 0.12])
     world = make_world(drift=lambda frame: off if 16 <= frame < 32 else np.zeros(6))
-    board, viewer = MarkerBoard(), {}
+    viewer = {}
 
     def show():
-        for marker in board.draw(world.mapper.object_map, world.mapper.mesh, world.mapper.changes):
+        for marker in scene_markers(world.mapper.object_map, world.mapper.mesh, world.mapper.changes):
             viewer[marker.namespace, marker.marker_id] = marker
-            if marker.kind == MarkerKind.DELETE:
-                del viewer[marker.namespace, marker.marker_id]
+            if marker.kind == MarkerKind.DELETE_ALL:
+                viewer.clear()
 
     world.tour(orbit(count=16))
     old_ids, world.ids = world.ids, {}

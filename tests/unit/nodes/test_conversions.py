@@ -13,7 +13,7 @@ from sensor_msgs.msg import CameraInfo
 
 from neuse.errors import InputError
 from neuse.geometry import make_transform, transform_points
-from neuse.mapping.markers import Marker, MarkerKind
+from neuse.mapping.markers import CLEAN_SHEET, Marker, MarkerKind
 from neuse.records import ChangeKind, Instance, ObjectStatus, RgbdFrame
 from neuse.slam.prior_map import PriorMap
 from neuse_encoder_node import conversions as encoder
@@ -200,12 +200,9 @@ def test_label_stands_at_its_point_with_its_height():
     assert (marker.pose.position.x, marker.pose.position.y, marker.pose.position.z) == (1.0, 2.0, 3.0)
 
 
-def test_deletions_keep_what_they_delete():
-    gone = Marker("objects", 3, MarkerKind.DELETE, np.zeros((0, 3)))
-    everything = Marker("", 0, MarkerKind.DELETE_ALL, np.zeros((0, 3)))
-    first, second = mapper.markers_to_msg([gone, everything], 0, "map").markers
-    assert (first.ns, first.id, first.action) == ("objects", 3, first.DELETE)
-    assert second.action == second.DELETEALL
+def test_clean_sheet_empties_a_viewer():
+    (marker,) = mapper.markers_to_msg([CLEAN_SHEET], 0, "map").markers
+    assert (marker.ns, marker.action) == ("", marker.DELETEALL)
 
 
 def test_points_are_packed_as_viewers_read_them():
