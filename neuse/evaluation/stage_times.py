@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from neuse.embedding.code import Code
 from neuse.embedding.embedding import load_embedding, shipped_categories
 from neuse.embedding.reconstruction import decode
 from neuse.evaluation.code_worlds import make_code_world
@@ -20,7 +21,9 @@ from neuse.mapping.map_file import load_map
 from neuse.mapping.mapper import ObjectMapper
 from neuse.pipeline import Pipeline, PipelineResult
 from neuse.simulation.worlds import SimulatedFrame, World, make_world, simulate
-from neuse.slam.registration import align
+from neuse.slam.edges import EdgeParams
+from neuse.slam.object_frames import reduce_codes
+from neuse.slam.registration import align, align_each
 
 CHUNK = 20
 BATCH, CLOUD_POINTS = 5, 500  # the paper's frame: five objects of 500 points
@@ -37,11 +40,16 @@ def encoder_times(runs: int = RUNS) -> Times:
 
 
 def alignment_times(runs: int = 10 * RUNS) -> Times:
-    """Relative pose of two views with five objects each."""
-    world = make_code_world(BATCH)
-    codes_a = [world.true_code(index).transformed(inverse(world.camera(0.0))) for index in range(BATCH)]
-    codes_b = [world.true_code(index).transformed(inverse(world.camera(0.2))) for index in range(BATCH)]
+    """Relative pose of two views with five objects each, from their codes."""
+    codes_a, codes_b = (_codes(way_m) for way_m in (0.0, 0.2))
     return timed_runs(lambda: align(codes_a, codes_b), runs)
+
+
+def window_alignment_times(runs: int = RUNS) -> Times:
+    """A view's share of aligning a new keyframe with all others of the window, as for its edges."""
+    new, *olds = (reduce_codes(_codes(0.02 * index)) for index in range(EdgeParams().window))
+    views = [(np.arange(BATCH), old) for old in olds]
+    return timed_runs(lambda: align_each(new, views), runs).per(len(views))
 
 
 def decoding_times(runs: int = RUNS) -> Times:
@@ -50,6 +58,13 @@ def decoding_times(runs: int = RUNS) -> Times:
     code = embedding.encode(list(_clouds(1)))[0]
     points = rng.uniform(-0.1, 0.1, (DECODED_POINTS, 3))
     return timed_runs(lambda: decode(embedding.network, code, points), runs)
+
+
+def _codes(way_m: float) -> list[Code]:
+    """Codes of five objects, seen after so much of the camera's way."""
+    world = make_code_world(BATCH)
+    T_camera_world = inverse(world.camera(way_m))
+    return [world.true_code(index).transformed(T_camera_world) for index in range(BATCH)]
 
 
 def _clouds(count: int) -> Array:

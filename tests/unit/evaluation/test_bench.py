@@ -16,7 +16,7 @@ ROW = {
 @pytest.fixture
 def figures():
     return {
-        "stages": {name: dict(ROW) for name in ("encoder", "alignment", "decoding")},
+        "stages": {name: dict(ROW) for name in ("encoder", "alignment", "window_alignment", "decoding")},
         "machine": {"cores": 2},
         "run": {
             "front_end_fps": 30.0,
@@ -32,7 +32,7 @@ def figures():
 def test_table_tells_which_bars_are_kept(figures):
     lines = {line.split(" | ")[0].strip("| "): line for line in table(figures).splitlines()}
     assert "| 1.5 | 1.2 | <= 6 | yes | 6 |" in lines["encoder, an object (ms)"]
-    assert "| no |" in lines["alignment, 5 objects (ms)"]
+    assert "| no |" in lines["alignment of two views, 5 objects (ms)"]
     assert "| 20 | - | >= 25 | no |" in lines["whole pipeline (fps)"]
 
 
