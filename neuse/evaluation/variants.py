@@ -6,7 +6,13 @@ from neuse.params import build
 from neuse.pipeline import PipelineParams
 
 CODES_ALONE = {"slam.refinement.lags": 0}
-PAPER = {"slam.mode": "edges", "slam.odometry.use": "blind", "slam.odometry.adapt": False} | CODES_ALONE
+PAPER = CODES_ALONE | {
+    "slam.mode": "edges",
+    "slam.odometry.use": "blind",
+    "slam.odometry.adapt": False,
+    "slam.edges.max_closure_sigma_rad": 0.04,  # here closures hold the graph; elsewhere they are only told
+    "slam.edges.max_closure_sigma_m": 0.03,
+}
 MUGS = {"slam.use_ambiguous": False}
 NEVER_S = 1e9
 OPEN_GATES = {

@@ -15,6 +15,8 @@ from neuse.slam.odometry import NANOSECONDS, Motion, OdometryFix, OdometryParams
 from neuse.slam.odometry_check import OdometryCheck
 from neuse.slam.tracker import Located
 
+OBJECT_RANGE_M = 3.0  # at which objects are met: so far a rotation counts
+
 
 class Predictor:
     """Carries the last pose forward by odometry, or, without it, by the assumption of slow motion."""
@@ -107,14 +109,15 @@ def _sharpened(motion: Motion, last: KeyframeRecord, new: KeyframeRecord) -> Mot
 
 
 def _tell_more(ties: Sequence[Edge], motion: Motion) -> bool:
-    """Whether one of the ties knows its translation better than odometry knows this motion."""
+    """Whether one of the ties knows better than odometry where the objects in view get by this motion."""
     best = min((_worst_variance(tie.covariance) for tie in ties), default=np.inf)
     return bool(best <= _worst_variance(motion.covariance))
 
 
 def _worst_variance(covariance: Array) -> float:
-    """Largest variance of the translation, m^2."""
-    return float(np.linalg.eigvalsh(covariance[3:, 3:])[-1])
+    """Largest variance of the translation, and of what the rotation adds at the range of objects, m^2."""
+    rotation, translation = np.linalg.eigvalsh(np.stack([covariance[:3, :3], covariance[3:, 3:]]))[:, -1]
+    return float(translation + OBJECT_RANGE_M**2 * rotation)
 
 
 def _edge(last: KeyframeRecord, new: KeyframeRecord, motion: Motion) -> Edge:

@@ -99,11 +99,13 @@ def test_odometry_only_where_blind_when_so_wished():
     assert predictor.edge(*records, tie) == ([], [])
 
 
-def test_pair_whose_objects_tell_less_than_odometry_is_blind():
+@pytest.mark.parametrize(("sigma_rad", "sigma_m"), [(0.001, 0.1), (0.03, 0.001)])
+def test_pair_whose_objects_tell_less_than_odometry_is_blind(sigma_rad, sigma_m):
     predictor = Predictor(OdometryParams(use="blind"), Counter())
     fixes = [predict(predictor, START, i)[0] for i in range(2)]
     records = [record(i, fix) for i, fix in enumerate(fixes)]
-    tie = replace(predictor.edge(*records, [])[0][0], kind=EdgeKind.SHORT_RANGE, covariance=0.1 * np.eye(6))
+    covariance = np.diag(np.repeat([sigma_rad, sigma_m], 3) ** 2)
+    tie = replace(predictor.edge(*records, [])[0][0], kind=EdgeKind.SHORT_RANGE, covariance=covariance)
     (edge,), guessed = predictor.edge(*records, [tie])
     assert (edge.kind, guessed) == (EdgeKind.ODOMETRY, [])
 
