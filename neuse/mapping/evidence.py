@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -18,12 +19,14 @@ class AnchoredView:
     """One view of an object among anchors. center: (3,) as observed through the keyframe's pose, map frame.
 
     points: (n, 3) its surface points, map frame, with the drift taken out that the anchors show.
+    tied_since: step since when keyframes are tied to it by the anchors.
     """
 
     keyframe: SeenKeyframe
     center: Array
     anchors: tuple[Anchor, ...]
     points: Array
+    tied_since: int
 
 
 class Evidence:
@@ -39,24 +42,46 @@ class Evidence:
         self._memory, self._library = memory, library
         self._layout, self._free_space = layout, free_space
 
-    def anchors(self, keyframe: SeenKeyframe, center: Array, known_by: int, excluded_id: int) -> list[Anchor]:
-        """Objects that the keyframe saw near a place (3,), map frame, that served there as landmarks.
+    def anchors(
+        self, keyframe: SeenKeyframe, center: Array, known_by: Sequence[int], excluded_id: int
+    ) -> list[Anchor]:
+        """Objects that the keyframe saw and that served as landmarks of a place (3,), map frame; maybe none.
 
-        They are still where the keyframe saw them and were known at step `known_by`. The age matters: objects
-        met together after a drift confirm each other, but tie none of them to what was seen before.
+        They stood where the keyframe saw them and were known at the first of the steps `known_by`, or else at
+        a later one. The age matters: objects met together after a drift confirm each other, but tie none of
+        them to what was seen before. Where those near the place do not suffice, as on a table where nothing
+        has stayed, those of the next one help.
         """
-        known_by = min(known_by, keyframe.tick)
+        seen = list(self._landmarks(keyframe, excluded_id))
+        distances_m = [np.linalg.norm(anchor.observed - center) for anchor in seen]
+        radii_m = self._layout.anchor_radius_m, self._layout.far_anchor_radius_m
+        for latest, radius_m in product(known_by, radii_m):
+            anchors = [
+                anchor
+                for anchor, distance_m in zip(seen, distances_m, strict=True)
+                if anchor.since_tick <= latest and distance_m <= radius_m
+            ]
+            if align_graphs(anchors, self._layout) is not None:
+                return anchors
+        return []
+
+    def _landmarks(self, keyframe: SeenKeyframe, excluded_id: int) -> Iterator[Anchor]:
+        """All other objects that the keyframe saw where the map has, or had, them."""
         T_map_camera = self._memory.poses[keyframe.keyframe_id]
-        anchors = []
         for seen_id, center_camera in keyframe.centers.items():
-            record = self._library.find(seen_id)
-            if record is None or not record.is_present or record.since_tick > known_by:
-                continue
-            observed = T_map_camera[:3, :3] @ center_camera + T_map_camera[:3, 3]
-            near = np.linalg.norm(observed - center) <= self._layout.anchor_radius_m
-            if near and record.object_id != excluded_id:
-                anchors.append(Anchor(record.object_id, observed, record.center, record.since_tick))
-        return anchors
+            record = self._standing(self._library.resolve(seen_id), keyframe.tick)
+            if record is not None and record.object_id != excluded_id:
+                observed = T_map_camera[:3, :3] @ center_camera + T_map_camera[:3, 3]
+                yield Anchor(record.object_id, observed, record.center, record.since_tick)
+
+    def _standing(self, object_id: int, tick: int) -> ObjectRecord | None:
+        """The object as it stood at that step: where it is, or, of one that went since, where it was."""
+        present = self._library.records.get(object_id)
+        if present is not None and present.is_present and present.since_tick <= tick:
+            return present
+        former = [record for record in (present, *self._library.left) if record is not None]
+        then = (r for r in former if r.object_id == object_id and r.since_tick <= tick <= r.last_tick)
+        return next(then, None)
 
     def around(self, record: ObjectRecord) -> Iterator[ObjectRecord]:
         """Other objects that are, or were, near enough to serve as an object's anchors."""
@@ -66,18 +91,22 @@ class Evidence:
                 yield known
 
     def anchored_views(self, record: ObjectRecord, count: int) -> list[AnchoredView]:
-        """Those of the latest `count` views of an object that saw it among anchors older than itself."""
+        """Those of the latest `count` views of an object that saw it among anchors, best older ones."""
         views = []
         for keyframe_id in list(record.views)[-count:]:
             keyframe = self._memory.seen.get(keyframe_id)
             if keyframe is None:
                 continue
             center = transform_points(self._memory.poses[keyframe_id], record.views[keyframe_id].center)
-            anchors = self.anchors(keyframe, center, record.since_tick - 1, record.object_id)
+            before = record.since_tick - 1
+            known_by = before - self._layout.met_together, before
+            anchors = self.anchors(keyframe, center, known_by, record.object_id)
             T_reference_observed = align_graphs(anchors, self._layout)
             if T_reference_observed is not None:
                 points = transform_points(T_reference_observed, record.points_of([keyframe_id]))
-                views.append(AnchoredView(keyframe, center, tuple(anchors), points))
+                oldest = min(anchor.since_tick for anchor in anchors)
+                tied_since = self._memory.in_sight_since(oldest, self._layout.met_together)
+                views.append(AnchoredView(keyframe, center, tuple(anchors), points, tied_since))
         return views
 
     def agrees(self, view: AnchoredView, known: ObjectRecord) -> bool | None:
@@ -88,14 +117,14 @@ class Evidence:
     def is_in_place(self, center_camera: Array, known: ObjectRecord, keyframe: SeenKeyframe) -> bool:
         """Whether what a keyframe saw at (3,), camera frame, is in the place of a known object."""
         center = transform_points(self._memory.poses[keyframe.keyframe_id], center_camera)
-        anchors = self.anchors(keyframe, center, known.last_tick, known.object_id)
+        anchors = self.anchors(keyframe, center, self._met_by(known.last_tick), known.object_id)
         return is_unchanged(center, known.center, anchors, self._layout) is True
 
     def sight(self, points: Array, keyframe: SeenKeyframe, known_by: int, excluded_id: int) -> Sight | None:
         """What the keyframe saw at the points (n, 3), map frame; None if it is no evidence."""
         if keyframe.depth_mm is None:
             return None
-        anchors = self.anchors(keyframe, points.mean(axis=0), known_by, excluded_id)
+        anchors = self.anchors(keyframe, points.mean(axis=0), self._met_by(known_by), excluded_id)
         T_reference_observed = align_graphs(anchors, self._layout)
         if T_reference_observed is None:
             return None
@@ -107,6 +136,10 @@ class Evidence:
         """What keyframes saw at points (n, 3) of an object, map frame, as far as it is evidence."""
         sights = [self.sight(points, k, min(k.tick, record.last_tick), record.object_id) for k in keyframes]
         return [sight for sight in sights if sight is not None]
+
+    def _met_by(self, tick: int) -> tuple[int, int]:
+        """That step, and the last one at which an object may be met and still count as met by then."""
+        return tick, self._memory.in_sight_until(tick, self._layout.met_together)
 
     def keyframes_at(self, center: Array, ticks: range, count: int) -> list[SeenKeyframe]:
         """The `count` nearest keyframes of those steps with a place (3,), map frame, in view, by age."""

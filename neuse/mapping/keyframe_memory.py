@@ -1,5 +1,6 @@
 """Memory of keyframes: their latest poses, and what each saw: centres of objects, and depth."""
 
+from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -10,6 +11,7 @@ from neuse.records import NO_ID, Intrinsics, Keyframe, TrackedFrame
 
 _MOVED = 5e-4  # m, rad: a keyframe that moved less keeps its pose, and its objects their averages
 _MM = 1000.0
+_BLIND_FRAMES = 3  # without a known object in sight, which hardly drift
 
 
 @dataclass
@@ -39,10 +41,15 @@ class KeyframeMemory:
         self.poses: dict[int, Array] = {NO_ID: np.eye(4)}
         self.seen: dict[int, SeenKeyframe] = {}
         self._max_depths = max_depths
+        self._blind_ticks: list[int] = []  # steps at which no known object was in sight
         self._latest = NO_ID
 
     def update(self, frame: TrackedFrame, keyframes: Iterable[Keyframe], tick: int) -> set[int]:
         """Take over the latest poses and store a keyframe; the ids of keyframes that moved."""
+        if not self._blind_ticks:  # what was before the first frame was long before
+            self._blind_ticks = (_BLIND_FRAMES + 1) * [tick]
+        elif frame.odometry_only:
+            self._blind_ticks.append(tick)
         latest = {keyframe.keyframe_id: keyframe.T_map_camera for keyframe in keyframes}
         if frame.keyframe_id != NO_ID:
             latest.setdefault(frame.keyframe_id, frame.T_map_camera)
@@ -60,6 +67,17 @@ class KeyframeMemory:
         if frame.keyframe_id != NO_ID:
             return frame.keyframe_id, np.eye(4)
         return self._latest, inverse(self.poses[self._latest]) @ frame.T_map_camera
+
+    def in_sight_since(self, tick: int, at_most: int) -> int:
+        """Since when, at most so many steps before that one, known objects have been in sight."""
+        index = bisect_right(self._blind_ticks, tick) - _BLIND_FRAMES - 1
+        return max(tick - at_most, self._blind_ticks[index]) if index >= 0 else tick
+
+    def in_sight_until(self, tick: int, at_most: int) -> int:
+        """Until when, at most so many steps after that one, known objects have been in sight."""
+        index = bisect_right(self._blind_ticks, tick) + _BLIND_FRAMES
+        too_late = self._blind_ticks[index] if index < len(self._blind_ticks) else tick + at_most + 1
+        return min(tick + at_most, too_late - 1)
 
     def nearest_views(
         self, center: Array, ticks: range, max_range_m: float, count: int

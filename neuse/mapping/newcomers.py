@@ -170,7 +170,7 @@ class Judge:
 
         Boxes alone cannot tell a new object from an old one that is badly seen: depth or the shapes must.
         """
-        if known.last_tick >= newcomer.since_tick or _known_since(views) > known.last_tick:
+        if known.last_tick >= newcomer.since_tick or _tied_since(views) > known.last_tick:
             return False
         if not is_displaced(self._box(known), self._box(newcomer), self._upkeep):
             return False
@@ -213,7 +213,7 @@ class Judge:
         """What keyframes before that step, but after the anchors were met, saw at the place; oldest first."""
         points = np.concatenate([view.points for view in views])
         keyframes = self._evidence.keyframes_at(
-            points.mean(axis=0), range(_known_since(views), tick), self._params.max_evidence_keyframes
+            points.mean(axis=0), range(_tied_since(views), tick), self._params.max_evidence_keyframes
         )
         return self._evidence.sights(points, keyframes, newcomer)
 
@@ -221,6 +221,6 @@ class Judge:
         return self._meshes.box(record.object_id, record.code, record.points)
 
 
-def _known_since(views: Sequence[AnchoredView]) -> int:
-    """The oldest anchor has been known since that step; older keyframes tell nothing about the place."""
-    return min(anchor.since_tick for view in views for anchor in view.anchors)
+def _tied_since(views: Sequence[AnchoredView]) -> int:
+    """Keyframes before that step tell nothing about the place."""
+    return min(view.tied_since for view in views)

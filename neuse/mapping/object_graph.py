@@ -21,6 +21,12 @@ class LayoutParams(CheckedParams):
         0.03, "edges that differ by at most this agree (delta_e of NeuSE eq. 10)", 0.001, 1.0
     )
     anchor_radius_m: float = param(1.5, "objects this near to a place serve as its anchors", 0.1, 100.0)
+    far_anchor_radius_m: float = param(
+        3.5, "objects this near serve where those nearer do not suffice, metres", 0.1, 100.0
+    )
+    met_together: int = param(
+        30, "objects met within so many frames, known ones being in sight, were met together", 0, 100000
+    )
     rotation_prior_m: float = param(
         0.5,
         "lever arm with which the pose estimate's own rotation is held against that of the anchors",

@@ -34,6 +34,7 @@ CAMERA = Intrinsics(640, 480, 520.0, 520.0, 319.5, 239.5)
 COARSE = (60, 80)
 TABLE_HEIGHT_M = 0.7
 FRAME_NS = 100_000_000
+BLIND_FRAMES = 5
 
 
 @dataclass(frozen=True)
@@ -164,7 +165,8 @@ class World:
     """Runs a mapper over camera poses. Map and world frames are equal but for the noise of the poses.
 
     is_missed(frame, name): the detector overlooks a thing.    is_unmatched: association overlooks it.
-    drift(frame): (6,) error of the pose estimate.    obeys: the tracker applies the changes it is told.
+    drift(frame): (6,) error of the pose estimate; it changes blind.
+    obeys: the tracker applies the changes it is told.
     """
 
     mapper: ObjectMapper
@@ -216,7 +218,10 @@ class World:
         return self.changes
 
     def step(self, T_world_camera: Array) -> None:
-        """One frame, which is a keyframe."""
+        """One frame, which is a keyframe; before it, if the pose drifts, half a second that shows nothing."""
+        if self.frames and (self.drift(self.frames) != self.drift(self.frames - 1)).any():
+            for i in range(BLIND_FRAMES):
+                self._take(self.mapper.step(self._blind_frame(i)))
         self._take(self.mapper.step(self.frame(T_world_camera), self._keyframes[-10:]))
 
     def correct(self, T_map_camera: Sequence[Array]) -> None:
@@ -244,6 +249,11 @@ class World:
             stamp_ns, T_map_camera, np.eye(6) * 1e-4, tuple(observations), CAMERA,
             depth.reshape(COARSE).astype(np.float32), self.frames - 1,
         )  # fmt: skip
+
+    def _blind_frame(self, i: int) -> TrackedFrame:
+        stamp_ns = self.frames * FRAME_NS - (BLIND_FRAMES - i) * FRAME_NS // (BLIND_FRAMES + 1)
+        T_map_camera, nothing = self._keyframes[-1].T_map_camera, np.zeros(COARSE, np.float32)
+        return TrackedFrame(stamp_ns, T_map_camera, np.eye(6) * 1e-4, (), CAMERA, nothing, odometry_only=True)
 
     def _take(self, changes: Iterable[ObjectChange]) -> None:
         for change in changes:

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -36,7 +38,7 @@ def seen():
 
 def anchor_ids(seen, center=(0.0, 0.0, 1.5), known_by=5, excluded_id=-1):
     evidence, memory, _ = seen
-    anchors = evidence.anchors(memory.seen[0], np.array(center), known_by, excluded_id)
+    anchors = evidence.anchors(memory.seen[0], np.array(center), [known_by], excluded_id)
     return [anchor.object_id for anchor in anchors]
 
 
@@ -52,10 +54,39 @@ def test_object_younger_than_what_it_is_to_confirm_is_no_anchor(seen):
     assert anchor_ids(seen, known_by=4) == [1, 2, 3]
 
 
-def test_object_that_has_moved_since_or_is_gone_is_no_anchor(seen):
+def test_object_that_has_moved_or_was_gone_by_then_is_no_anchor(seen):
     seen[2].records[1].since_tick = 8
-    seen[2].records[3].status = ObjectStatus.REMOVED
+    seen[2].records[3].status, seen[2].records[3].last_tick = ObjectStatus.REMOVED, 4
     assert anchor_ids(seen, known_by=9) == [2]
+
+
+def test_keyframe_from_before_an_object_went_still_has_it_as_anchor(seen):
+    library = seen[2]
+    library.records[3].status = ObjectStatus.REMOVED
+    library.left.append(replace(library.records[1]))
+    library.records[1].since_tick, library.records[1].status = 8, ObjectStatus.MOVED
+    assert anchor_ids(seen) == [1, 2, 3]
+
+
+def test_objects_far_away_are_anchors_only_where_those_nearby_do_not_suffice(seen):
+    assert anchor_ids(seen, center=(-1.5, 0.0, 1.5)) == [2]  # it lies where it is expected: that is enough
+    assert anchor_ids(seen, center=(-3.0, 0.0, 1.5)) == [1, 2, 3]
+
+
+def test_objects_met_just_after_the_last_sight_count_as_long_as_something_was_in_sight(seen):
+    evidence, memory, library = seen
+    for record in library:
+        record.since_tick = 15
+    keyframe = replace(memory.seen[0], tick=16)
+    assert evidence.sight(BALL, keyframe, 10, -1) is not None
+    assert evidence.sight(BALL, keyframe, -50, -1) is None
+    wall = np.full(COARSE, 3.0, dtype=np.float32)
+    blind = TrackedFrame(0, np.eye(4), np.eye(6), (), CAMERA, wall, odometry_only=True)
+    for tick in (11, 12, 13):
+        memory.update(blind, (), tick)
+    assert evidence.sight(BALL, keyframe, 10, -1) is not None
+    memory.update(blind, (), 14)
+    assert evidence.sight(BALL, keyframe, 10, -1) is None
 
 
 def test_place_is_looked_up_relative_to_the_anchors(seen):
@@ -72,7 +103,7 @@ def test_place_is_looked_up_relative_to_the_anchors(seen):
 def test_place_without_anchors_or_depth_gives_no_evidence(seen):
     evidence, memory, _ = seen
     assert evidence.sight(BALL, memory.seen[0], 5, -1).is_empty
-    assert evidence.sight(BALL, memory.seen[0], -1, -1) is None
+    assert evidence.sight(BALL, memory.seen[0], -50, -1) is None
     assert evidence.sights(BALL, [memory.seen[0]], seen[2].records[1]) != []
     memory.seen[0].depth_mm = None
     assert evidence.sight(BALL, memory.seen[0], 5, -1) is None

@@ -1,6 +1,7 @@
 """Newcomers, judged by the whole mapper: duplicates, discoveries and changes."""
 
 import numpy as np
+import pytest
 
 from neuse.records import ChangeKind
 
@@ -68,20 +69,28 @@ def test_twin_that_stays_is_not_taken_for_the_one_that_moved():
     assert_map_is_true(world)
 
 
-def test_object_put_on_a_table_where_nothing_has_stayed_has_moved():
-    """Nothing tells that the place was free before; that the object is missed elsewhere does."""
-    far = [standing("f", 2.8, -0.2), standing("g", 3.2, 0.2, category="mug")]
-    world = make_world([*five_things(), *far], tables=((0.0, 0.0, 0.6), (3.0, 0.0, 0.6)))
-    world.tour([*orbit(count=16), *orbit(x=3.0, count=16)])
+@pytest.mark.parametrize(("table_m", "gone"), [(2.5, ["f", "g"]), (6.0, [])])
+def test_object_put_on_a_table_where_nothing_has_stayed_has_moved(table_m, gone):
+    """Whether the place was free before, and what has gone, objects of the next table can tell, unless it is
+    far; that the object is missed elsewhere tells that it has moved.
+    """
+    far = [standing("f", table_m - 0.2, -0.2), standing("g", table_m + 0.2, 0.2, category="mug")]
+    world = make_world(
+        [*five_things(), *far],
+        tables=((0.0, 0.0, 0.6), (table_m, 0.0, 0.6)),
+        drift=lambda frame: np.full(6, 1e-6 * (frame >= 32)),  # nothing is in sight in between
+    )
+    world.tour([*orbit(count=16), *orbit(x=table_m, count=16)])
     world.remove("f")
     world.remove("g")
-    world.move("a", 3.0, 0.0)
-    known_id = world.ids["a"]
-    world.tour([*orbit(count=16), *orbit(x=3.0, count=16)])
+    world.move("a", table_m, 0.0)
+    known_ids = dict(world.ids)
+    world.tour([*orbit(count=16), *orbit(x=table_m, count=16)])
     world.finish()
-    (change,) = world.mapper.changes
-    assert (change.kind, change.object_id) == (MOVED, known_id)
-    np.testing.assert_allclose(change.T_map_after[:2, 3], [3.0, 0.0], atol=0.03)
+    changes = {(change.kind, change.object_id): change for change in world.mapper.changes}
+    moved = changes.pop((MOVED, known_ids["a"]))
+    np.testing.assert_allclose(moved.T_map_after[:2, 3], [table_m, 0.0], atol=0.03)
+    assert changes.keys() == {(REMOVED, known_ids[name]) for name in gone}
 
 
 def test_twin_of_an_object_gone_that_stands_where_nothing_was_known_is_a_discovery():
