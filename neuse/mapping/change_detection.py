@@ -21,7 +21,8 @@ from neuse.records import ChangeKind, ObjectChange
 _SAME_PLACE_M = 0.02  # an object that came back to its own place has not moved
 _SHIFT_M = 0.1  # nearer than this to the place of an object gone, another may have taken that place:
 _SHIFT_LIKENESS = 3.0  # so much more like itself must an object look that was only shifted,
-_DOUBTFUL_LIKENESS = 3.0  # or that may as well be a discovery
+_DOUBTFUL_LIKENESS = 3.0  # or that may as well be a discovery,
+_TRADE_LIKENESS = 3.0  # and so much less one that stands where that stood which has its place now
 
 
 @dataclass(frozen=True)
@@ -136,7 +137,7 @@ class ChangeDetector:
             waits = not final and entry.reported_ns is None and not self._is_late(entry, stamp_ns)
             for known in library:
                 if known.object_id in self._gone or (waits and known.is_present):
-                    likeness = self._likeness(newcomer, known)
+                    likeness = self._likeness(newcomer, known, library)
                     if likeness >= self._move_likeness:
                         pairs.append((likeness, newcomer_id, known.object_id))
         return pairs
@@ -149,12 +150,12 @@ class ChangeDetector:
         for newcomer_id, known_id in product(sorted(doubtful - self._come.keys()), self._gone):
             newcomer = library.records[newcomer_id]
             if stamp_ns - newcomer.first_seen_ns < self._pending_ns:
-                likeness = self._likeness(newcomer, library.records[known_id])
+                likeness = self._likeness(newcomer, library.records[known_id], library)
                 if likeness >= self._move_likeness + _DOUBTFUL_LIKENESS:
                     pairs.append((likeness, newcomer_id, known_id))
         return pairs
 
-    def _likeness(self, newcomer: ObjectRecord, known: ObjectRecord) -> float:
+    def _likeness(self, newcomer: ObjectRecord, known: ObjectRecord, library: ObjectLibrary) -> float:
         """Evidence that the newcomer is the known object, from elsewhere."""
         both_seen = known.last_tick >= newcomer.since_tick
         if both_seen or newcomer.object_id in self._gone:
@@ -162,7 +163,10 @@ class ChangeDetector:
         distance_m = np.linalg.norm(newcomer.center - known.center)
         if distance_m <= _SAME_PLACE_M:
             return -np.inf
-        return newcomer.likeness(known) - (_SHIFT_LIKENESS if distance_m <= _SHIFT_M else 0.0)
+        likeness = newcomer.likeness(known)
+        if distance_m <= _SHIFT_M:
+            return likeness - _SHIFT_LIKENESS
+        return likeness + (_TRADE_LIKENESS if _have_traded(newcomer, known, library) else 0.0)
 
     def _is_late(self, entry: _Open, stamp_ns: int) -> bool:
         return stamp_ns - entry.since_ns >= self._pending_ns
@@ -173,6 +177,19 @@ class ChangeDetector:
             for object_id, entry in list(entries.items()):
                 if entry.reported_ns is not None and stamp_ns - entry.reported_ns >= self._memory_ns:
                     del entries[object_id]
+
+
+def _have_traded(newcomer: ObjectRecord, known: ObjectRecord, library: ObjectLibrary) -> bool:
+    """Whether the newcomer stands at the place that an object has left for that of the known one."""
+    return any(
+        _is_near(newcomer, left) and _is_near(library.records[left.object_id], known)
+        for left in library.left
+        if left.object_id in library.records
+    )
+
+
+def _is_near(one: ObjectRecord, other: ObjectRecord) -> bool:
+    return bool(np.linalg.norm(one.center - other.center) <= _SHIFT_M)
 
 
 def _report(object_ids: list[int], entries: dict[int, _Open], stamp_ns: int) -> tuple[int, ...]:

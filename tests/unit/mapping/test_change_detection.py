@@ -27,6 +27,18 @@ def library_of(*entries):
     return library
 
 
+def put(record, x, like, cosine=1.0):
+    """Let a record of a library have stood so far along the row, and look so much like another one."""
+    own = like.code.descriptor
+    across = np.linalg.qr(np.stack([own, np.ones_like(own)], axis=1))[0][:, 1]
+    T = like.code.T_frame_object.copy()
+    T[0, 3] = x
+    code = make_code(standing("thing", 0.0, 0.0, seed=5), T, np.random.default_rng(0), 0.0)
+    code = replace(code, descriptor=cosine * own + np.sqrt(1.0 - cosine**2) * across)
+    record.views.clear()
+    record.add_view(NO_ID, View(code, code.center[None]), 10)
+
+
 @pytest.fixture
 def detector():
     return ChangeDetector(ChangeParams())
@@ -52,15 +64,7 @@ def test_object_gone_and_newcomer_of_its_shape_are_a_move(detector):
 @pytest.mark.parametrize(("cosine", "has_moved"), [(0.995, True), (0.95, False)])
 def test_object_hardly_shifted_must_look_the_same_or_else_another_stands_there(detector, cosine, has_moved):
     library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
-    known, newcomer = library.records[1], library.records[2]
-    own = known.code.descriptor
-    across = np.linalg.qr(np.stack([own, np.ones_like(own)], axis=1))[0][:, 1]
-    T = known.code.T_frame_object.copy()
-    T[0, 3] += 0.05
-    code = make_code(standing("thing", 0.0, 0.0, seed=5), T, np.random.default_rng(0), 0.0)
-    code = replace(code, descriptor=cosine * own + np.sqrt(1.0 - cosine**2) * across)
-    newcomer.views.clear()
-    newcomer.add_view(NO_ID, View(code, code.center[None]), 10)
+    put(library.records[2], 0.05, library.records[1], cosine)
     detector.note_gone(1, 0)
     detector.note_come(2, 0)
     expected = ([Move(1, 2)], [], []) if has_moved else ([], [2], [])
@@ -186,6 +190,22 @@ def test_swapped_objects_are_two_moves_paired_by_shape(detector):
     moves, added, removed = decide(detector, library)
     assert sorted(moves, key=lambda move: move.object_id) == [Move(1, 4), Move(2, 3)]
     assert added == removed == []
+
+
+@pytest.mark.parametrize("has_traded", [False, True])
+def test_one_that_stands_where_that_stood_which_has_its_place_need_look_less_like_itself(
+    detector, has_traded
+):
+    library = library_of((1, 5, 0, 3), (2, 6, 0, 3), (3, 5, 10, 20), (4, 6, 10, 20))
+    known, other, newcomer, other_now = (library.records[i] for i in (1, 2, 3, 4))
+    put(newcomer, float(other.center[0]), known, cosine=0.92)
+    put(other_now, float(known.center[0]), other)
+    if has_traded:
+        library.move(2, 4)
+    detector.note_gone(1, 0)
+    detector.note_come(3, 0)
+    expected = ([Move(1, 3)], [], []) if has_traded else ([], [3], [])
+    assert decide(detector, library) == expected
 
 
 @pytest.mark.parametrize("final", [False, True])
