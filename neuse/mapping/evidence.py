@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,6 +30,13 @@ class AnchoredView:
     tied_since: int
 
 
+class Tie(NamedTuple):
+    """What ties a keyframe to the map: anchors, and the drift that they show (see `align_graphs`)."""
+
+    anchors: list[Anchor]
+    T_reference_observed: Array
+
+
 class Evidence:
     """Looks places up in stored keyframes; anchors take out the drift between a keyframe and the map."""
 
@@ -42,10 +50,10 @@ class Evidence:
         self._memory, self._library = memory, library
         self._layout, self._free_space = layout, free_space
 
-    def anchors(
+    def tie(
         self, keyframe: SeenKeyframe, center: Array, known_by: Sequence[int], excluded_id: int
-    ) -> list[Anchor]:
-        """Objects that the keyframe saw and that served as landmarks of a place (3,), map frame; maybe none.
+    ) -> Tie | None:
+        """Objects that the keyframe saw and that served as landmarks of a place (3,), map frame, if any.
 
         They stood where the keyframe saw them and were known at the first of the steps `known_by`, or else at
         a later one. The age matters: objects met together after a drift confirm each other, but tie none of
@@ -61,9 +69,10 @@ class Evidence:
                 for anchor, distance_m in zip(seen, distances_m, strict=True)
                 if anchor.since_tick <= latest and distance_m <= radius_m
             ]
-            if align_graphs(anchors, self._layout) is not None:
-                return anchors
-        return []
+            T_reference_observed = align_graphs(anchors, self._layout)
+            if T_reference_observed is not None:
+                return Tie(anchors, T_reference_observed)
+        return None
 
     def _landmarks(self, keyframe: SeenKeyframe, excluded_id: int) -> Iterator[Anchor]:
         """All other objects that the keyframe saw where the map has, or had, them."""
@@ -100,13 +109,12 @@ class Evidence:
             center = transform_points(self._memory.poses[keyframe_id], record.views[keyframe_id].center)
             before = record.since_tick - 1
             known_by = before - self._layout.met_together, before
-            anchors = self.anchors(keyframe, center, known_by, record.object_id)
-            T_reference_observed = align_graphs(anchors, self._layout)
-            if T_reference_observed is not None:
-                points = transform_points(T_reference_observed, record.points_of([keyframe_id]))
-                oldest = min(anchor.since_tick for anchor in anchors)
+            tie = self.tie(keyframe, center, known_by, record.object_id)
+            if tie is not None:
+                points = transform_points(tie.T_reference_observed, record.points_of([keyframe_id]))
+                oldest = min(anchor.since_tick for anchor in tie.anchors)
                 tied_since = self._memory.in_sight_since(oldest, self._layout.met_together)
-                views.append(AnchoredView(keyframe, center, tuple(anchors), points, tied_since))
+                views.append(AnchoredView(keyframe, center, tuple(tie.anchors), points, tied_since))
         return views
 
     def agrees(self, view: AnchoredView, known: ObjectRecord) -> bool | None:
@@ -117,18 +125,21 @@ class Evidence:
     def is_in_place(self, center_camera: Array, known: ObjectRecord, keyframe: SeenKeyframe) -> bool:
         """Whether what a keyframe saw at (3,), camera frame, is in the place of a known object."""
         center = transform_points(self._memory.poses[keyframe.keyframe_id], center_camera)
-        anchors = self.anchors(keyframe, center, self._met_by(known.last_tick), known.object_id)
-        return is_unchanged(center, known.center, anchors, self._layout) is True
+        tie = self.tie(keyframe, center, self._met_by(known.last_tick), known.object_id)
+        return tie is not None and bool(is_unchanged(center, known.center, tie.anchors, self._layout))
 
     def sight(self, points: Array, keyframe: SeenKeyframe, known_by: int, excluded_id: int) -> Sight | None:
         """What the keyframe saw at the points (n, 3), map frame; None if it is no evidence."""
         if keyframe.depth_mm is None:
             return None
-        anchors = self.anchors(keyframe, points.mean(axis=0), self._met_by(known_by), excluded_id)
-        T_reference_observed = align_graphs(anchors, self._layout)
-        if T_reference_observed is None:
+        T_map_camera, center = self._memory.poses[keyframe.keyframe_id], points.mean(axis=0)
+        depth_m = (center - T_map_camera[:3, 3]) @ T_map_camera[:3, 2]
+        if depth_m > self._free_space.max_range_m + self._layout.anchor_radius_m:
+            return None  # whatever the anchors say
+        tie = self.tie(keyframe, center, self._met_by(known_by), excluded_id)
+        if tie is None:
             return None
-        T_map_camera = T_reference_observed @ self._memory.poses[keyframe.keyframe_id]
+        T_map_camera = tie.T_reference_observed @ T_map_camera
         in_camera = transform_points(inverse(T_map_camera), points)
         return look(in_camera, keyframe.coarse_depth_m, keyframe.intrinsics, self._free_space)
 

@@ -38,8 +38,8 @@ def seen():
 
 def anchor_ids(seen, center=(0.0, 0.0, 1.5), known_by=5, excluded_id=-1):
     evidence, memory, _ = seen
-    anchors = evidence.anchors(memory.seen[0], np.array(center), [known_by], excluded_id)
-    return [anchor.object_id for anchor in anchors]
+    tie = evidence.tie(memory.seen[0], np.array(center), [known_by], excluded_id)
+    return [] if tie is None else [anchor.object_id for anchor in tie.anchors]
 
 
 def test_objects_that_the_keyframe_saw_around_a_place_are_anchors(seen):
