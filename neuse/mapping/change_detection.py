@@ -181,11 +181,8 @@ class ChangeDetector:
 
 def _have_traded(newcomer: ObjectRecord, known: ObjectRecord, library: ObjectLibrary) -> bool:
     """Whether the newcomer stands at the place that an object has left for that of the known one."""
-    return any(
-        _is_near(newcomer, left) and _is_near(library.records[left.object_id], known)
-        for left in library.left
-        if left.object_id in library.records
-    )
+    movers = [library.find(left.object_id) for left in library.left if _is_near(newcomer, left)]
+    return any(_is_near(mover, known) for mover in movers if mover is not None)
 
 
 def _is_near(one: ObjectRecord, other: ObjectRecord) -> bool:

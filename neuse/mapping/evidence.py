@@ -108,12 +108,12 @@ class Evidence:
                 continue
             center = transform_points(self._memory.poses[keyframe_id], record.views[keyframe_id].center)
             before = record.since_tick - 1
-            known_by = before - self._layout.met_together, before
+            known_by = before - self._layout.met_together_frames, before
             tie = self.tie(keyframe, center, known_by, record.object_id)
             if tie is not None:
                 points = transform_points(tie.T_reference_observed, record.points_of([keyframe_id]))
                 oldest = min(anchor.since_tick for anchor in tie.anchors)
-                tied_since = self._memory.in_sight_since(oldest, self._layout.met_together)
+                tied_since = self._memory.in_sight_since(oldest, self._layout.met_together_frames)
                 views.append(AnchoredView(keyframe, center, tuple(tie.anchors), points, tied_since))
         return views
 
@@ -150,7 +150,7 @@ class Evidence:
 
     def _met_by(self, tick: int) -> tuple[int, int]:
         """That step, and the last one at which an object may be met and still count as met by then."""
-        return tick, self._memory.in_sight_until(tick, self._layout.met_together)
+        return tick, self._memory.in_sight_until(tick, self._layout.met_together_frames)
 
     def keyframes_at(self, center: Array, ticks: range, count: int) -> list[SeenKeyframe]:
         """The `count` nearest keyframes of those steps with a place (3,), map frame, in view, by age."""

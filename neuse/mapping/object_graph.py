@@ -24,7 +24,7 @@ class LayoutParams(CheckedParams):
     far_anchor_radius_m: float = param(
         3.5, "objects this near serve where those nearer do not suffice, metres", 0.1, 100.0
     )
-    met_together: int = param(
+    met_together_frames: int = param(
         30, "objects met within so many frames, known ones being in sight, were met together", 0, 100000
     )
     rotation_prior_m: float = param(

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 
 from neuse import geometry
@@ -71,3 +73,15 @@ def test_nearest_views_are_in_view_in_range_of_the_steps_and_sorted():
     assert [k.keyframe_id for k in found] == [1, 4, 0]
     assert [k.keyframe_id for k in memory.nearest_views(place, range(10, 14), 3.0, 1)] == [1]
     assert memory.nearest_views(place, range(0, 10), 3.0, 10) == []
+
+
+def test_camera_that_was_blind_for_long_has_lost_sight_and_so_it_has_at_its_start():
+    memory = KeyframeMemory(10)
+    for tick in range(1, 41):
+        memory.update(replace(frame(NO_ID), odometry_only=tick in (10, 20, 21, 22, 23, 24)), (), tick)
+    assert memory.in_sight_until(5, 10) == 15  # one blind frame is none
+    assert memory.in_sight_until(15, 30) == 22
+    assert memory.in_sight_since(30, 100) == 21
+    assert memory.in_sight_since(15, 100) == 1
+    assert memory.in_sight_until(-3, 100) == 0
+    assert memory.in_sight_since(-3, 100) == -3
