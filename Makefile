@@ -51,7 +51,7 @@ evaluate-embedding: setup  ## held-out views, or real meshes: make evaluate-embe
 	$(IN_ENV) python -m neuse.embedding.evaluate --out $(OUT)/embedding $(if $(MESHES),--meshes $(MESHES))
 
 bench: setup  ## the nodes over DDS, then each stage by itself
-	$(IN_ENV) ./run.sh neuse_bags bench --out $(OUT)/bench && python -m neuse.evaluation.bench --out $(OUT)/bench
+	$(IN_ENV) ./run.sh neuse_bags bench --out $(OUT)/bench && OPENBLAS_NUM_THREADS=1 python -m neuse.evaluation.bench --out $(OUT)/bench
 
 train: setup
 	$(IN_ENV) python -m neuse.embedding.train --compile --install --resume

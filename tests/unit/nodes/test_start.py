@@ -1,3 +1,4 @@
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -55,3 +56,18 @@ def main():
     return int(faults[-1] - faults[1] > 100)
 """
     assert run_module(tmp_path, source).returncode == 0
+
+
+def test_products_stay_in_their_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    source = """
+import os
+def main():
+    import numpy as np
+    matrix = np.ones((1000, 1000))
+    matrix @ matrix
+    return len(os.listdir("/proc/self/task"))
+"""
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    assert run_module(tmp_path, source).returncode == 1
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
+    assert run_module(tmp_path, source).returncode == min(2, len(os.sched_getaffinity(0)))
