@@ -19,13 +19,15 @@ from neuse.mapping.object_record import ObjectRecord
 class AnchoredView:
     """One view of an object among anchors. center: (3,) as observed through the keyframe's pose, map frame.
 
-    points: (n, 3) its surface points, map frame, with the drift taken out that the anchors show.
+    T_reference_observed: (4, 4) the drift that the anchors show (see `align_graphs`).
+    points: (n, 3) its surface points, map frame, with that drift taken out.
     tied_since: step since when keyframes are tied to it by the anchors.
     """
 
     keyframe: SeenKeyframe
     center: Array
     anchors: tuple[Anchor, ...]
+    T_reference_observed: Array
     points: Array
     tied_since: int
 
@@ -33,7 +35,7 @@ class AnchoredView:
 class Tie(NamedTuple):
     """What ties a keyframe to the map: anchors, and the drift that they show (see `align_graphs`)."""
 
-    anchors: list[Anchor]
+    anchors: tuple[Anchor, ...]
     T_reference_observed: Array
 
 
@@ -71,7 +73,7 @@ class Evidence:
             ]
             T_reference_observed = align_graphs(anchors, self._layout)
             if T_reference_observed is not None:
-                return Tie(anchors, T_reference_observed)
+                return Tie(tuple(anchors), T_reference_observed)
         return None
 
     def _landmarks(self, keyframe: SeenKeyframe, excluded_id: int) -> Iterator[Anchor]:
@@ -114,7 +116,7 @@ class Evidence:
                 points = transform_points(tie.T_reference_observed, record.points_of([keyframe_id]))
                 oldest = min(anchor.since_tick for anchor in tie.anchors)
                 tied_since = self._memory.in_sight_since(oldest, self._layout.met_together_frames)
-                views.append(AnchoredView(keyframe, center, tuple(tie.anchors), points, tied_since))
+                views.append(AnchoredView(keyframe, center, *tie, points, tied_since))
         return views
 
     def agrees(self, view: AnchoredView, known: ObjectRecord) -> bool | None:

@@ -46,6 +46,8 @@ class NewcomerParams(CheckedParams):
 
 _SWEEP_M = 0.1  # rough centres further apart are of two objects
 _NEIGHBOUR_M = 1.0  # objects further apart do not touch
+_ALIKE = 3.0  # likeness of one object, not of one of twenty
+_UNKNOWN = 3.0  # evidence against an exchange for something never seen that fills the very same place
 
 
 class Origin(Enum):
@@ -146,12 +148,17 @@ class Judge:
 
         While both are seen, nothing has changed: two objects in one place are one, whatever it looked like.
         """
-        still_seen = known.last_tick >= newcomer.since_tick
+        in_place = self._is_in_place(known, views)
+        if known.last_tick >= newcomer.since_tick:
+            return in_place or self._is_partial(newcomer, known)
+        if in_place:
+            return not self._is_other(newcomer, known, views)
+        return self._collide(newcomer, known, views) and not self._is_exchange(newcomer, known, views)
+
+    def _is_in_place(self, known: ObjectRecord, views: Sequence[AnchoredView]) -> bool:
+        """Whether most of a newcomer's views have it in the place of a known object."""
         votes = [self._evidence.agrees(view, known) for view in views]
-        in_place = 2 * votes.count(True) > len(votes) - votes.count(None)
-        if in_place and (still_seen or not self._is_other(newcomer, known, views)):
-            return True
-        return still_seen and self._is_partial(newcomer, known)
+        return 2 * votes.count(True) > len(votes) - votes.count(None)
 
     def _is_partial(self, newcomer: ObjectRecord, known: ObjectRecord) -> bool:
         """One of the two is a partial instance of the other (appendix).
@@ -172,8 +179,17 @@ class Judge:
         """
         if known.last_tick >= newcomer.since_tick or _tied_since(views) > known.last_tick:
             return False
-        if not is_displaced(self._box(known), self._box(newcomer), self._upkeep):
-            return False
+        return self._collide(newcomer, known, views) and self._is_exchange(newcomer, known, views)
+
+    def _collide(self, newcomer: ObjectRecord, known: ObjectRecord, views: Sequence[AnchoredView]) -> bool:
+        """Whether both cannot stand where they are, the newcomer relative to the anchors (appendix)."""
+        box = self._box(newcomer).moved(views[-1].T_reference_observed)
+        return is_displaced(self._box(known), box, self._upkeep)
+
+    def _is_exchange(
+        self, newcomer: ObjectRecord, known: ObjectRecord, views: Sequence[AnchoredView]
+    ) -> bool:
+        """Whether depth or the shapes tell the newcomer from an object that it collides with."""
         shifted = self._shift_share(newcomer, known, views) >= self._params.min_shift_share
         return shifted or self._is_other(newcomer, known, views)
 
@@ -183,10 +199,20 @@ class Judge:
         if evidence >= 0.0 or evidence == -np.inf:
             return evidence < 0.0
         shift = self._shift_share(newcomer, known, views) / self._params.min_shift_share
-        evidence += self._params.same_surface * max(1.0 - shift, 0.0)
-        if newcomer.first_seen_ns - known.last_sure_ns <= self._params.exchange_s * 1e9:
+        same_surface = self._params.same_surface + (0.0 if self._may_come_from(newcomer, known) else _UNKNOWN)
+        evidence += same_surface * max(1.0 - shift, 0.0)
+        if self._follows_at_once(newcomer, known):
             evidence += self._params.same_surface
         return evidence < 0.0
+
+    def _follows_at_once(self, newcomer: ObjectRecord, known: ObjectRecord) -> bool:
+        """Too soon after a sure sight of the known object for another to have taken its place."""
+        return newcomer.first_seen_ns - known.last_sure_ns <= self._params.exchange_s * 1e9
+
+    def _may_come_from(self, newcomer: ObjectRecord, displaced: ObjectRecord) -> bool:
+        """Whether it looks like another known object that has not been seen since it came."""
+        others = (k for k in self._library if k is not displaced and k.last_tick < newcomer.since_tick)
+        return any(newcomer.likeness(known) >= _ALIKE for known in others)
 
     def _shift_share(
         self, newcomer: ObjectRecord, known: ObjectRecord, views: Sequence[AnchoredView]

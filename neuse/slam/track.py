@@ -38,7 +38,7 @@ class Track:
         shape_weight: information in these and in the descriptor.    half_height: metres, and height_weight.
     mapped_at, seen_at: (2,) reading of the drift clock (rad^2, m^2) when it was met first and last.
     anchored: the graph says where it stands.
-    last_sure: last frame that showed clearly that it is still the same; any, until it has been seen clearly.
+    last_sure: last frame that showed that it is still the same; clearly, once it has been seen clearly.
     periods: keyframes of every period of sight, the first and then one every so often, as far as they still
         are in the graph.    last_noted: the last of them.
     changed: whatever is set, the track notes itself here, since the library keeps it in a table as well.
@@ -83,10 +83,7 @@ class Track:
     def see(self, code: Code, place: Array, last: LastSighting, drift: Array, frame_index: int) -> None:
         """Take in one more sighting; the place of an anchored object is the graph's business."""
         self.n_sightings += 1
-        self._ensure(code, frame_index)
-        self.shape_weight = _remembered(self.shape_weight) + 1.0 / shape_noise(code)
-        mean = self.descriptor + (code.descriptor - self.descriptor) / (shape_noise(code) * self.shape_weight)
-        self.descriptor = mean / np.linalg.norm(mean)
+        self._learn_shape(code, frame_index)
         if not self.anchored:
             weights = 1.0 / last.frames.variances[:, 0]
             self.place_weights = _remembered(self.place_weights) + weights
@@ -95,13 +92,22 @@ class Track:
         self.measure(last.frames)
         self.last, self.seen_at, self.last_frame = last, drift, frame_index
 
-    def _ensure(self, code: Code, frame_index: int) -> None:
+    def _learn_shape(self, code: Code, frame_index: int) -> None:
+        """Average the descriptors, and note whether it still is the same.
+
+        What looks otherwise counts for less (Cauchy's weights): many poor views of another object in this
+        place must not make a clear one of it look right.
+        """
         noise = shape_noise(code)
-        is_clear = noise <= CLEAR_SHAPE_NOISE
         unlikeness = (1.0 - self.descriptor @ code.descriptor) / (noise + self.shape_noise)
-        if not self.seen_clearly or (is_clear and unlikeness <= SURE_UNLIKENESS):
+        is_clear = noise <= CLEAR_SHAPE_NOISE
+        if (is_clear or not self.seen_clearly) and unlikeness <= SURE_UNLIKENESS:
             self.last_sure = frame_index
         self.seen_clearly |= is_clear
+        weight = 1.0 / (noise * (1.0 + (unlikeness / SURE_UNLIKENESS) ** 2))
+        self.shape_weight = _remembered(self.shape_weight) + weight
+        mean = self.descriptor + (code.descriptor - self.descriptor) * weight / self.shape_weight
+        self.descriptor = mean / np.linalg.norm(mean)
 
     def measure(self, frames: ObjectFrames) -> None:
         """Take in the height that one sighting shows, (1,) frames."""

@@ -1,20 +1,52 @@
 """Newcomers, judged by the whole mapper: duplicates, discoveries and changes."""
 
+from dataclasses import dataclass, fields
+
 import numpy as np
 import pytest
 
+from neuse.geometry import Array
 from neuse.records import ChangeKind
 
 from .synthetic import (
+    Thing,
+    World,
     assert_map_is_true,
     five_things,
     make_world,
     orbit,
     revisit,
     standing,
+    swap,
 )
 
 ADDED, REMOVED, MOVED = ChangeKind.ADDED, ChangeKind.REMOVED, ChangeKind.MOVED
+
+
+@dataclass(frozen=True)
+class Lookalike(Thing):
+    """A thing whose descriptor is somewhat like that of the seed `like`, as in poor views of one thing."""
+
+    like: int = 0
+
+    @property
+    def descriptor(self) -> Array:
+        """(k,) unit."""
+        own, other = super().descriptor, np.random.default_rng(self.like).normal(size=32)
+        other /= np.linalg.norm(other)
+        aside = own - (own @ other) * other
+        return 0.55 * other + np.sqrt(1.0 - 0.55**2) * aside / np.linalg.norm(aside)
+
+
+def lookalike(thing: Thing, like: int, seed: int) -> Lookalike:
+    """The thing with such a descriptor."""
+    known = {entry.name: getattr(thing, entry.name) for entry in fields(Thing)} | {"shape_seed": seed}
+    return Lookalike(**known, like=like)
+
+
+def look_away(world: World) -> None:
+    """Long enough for an exchange."""
+    world.tour(orbit(x=60.0, count=20))
 
 
 def test_object_that_only_association_misses_is_seen_by_the_object_graph():
@@ -133,3 +165,31 @@ def test_doubles_that_a_loop_closure_brings_together_are_one():
     world.step(true[0])
     assert world.finish() == []
     assert len(world.mapper.object_map.objects) == len(world.things)
+
+
+def test_thing_that_looks_otherwise_on_the_second_visit_is_no_exchange():
+    """Association fails for its descriptor; no other thing looks like it, and depth shows no change."""
+
+    def disguise(world: World) -> None:
+        thing = world.thing("a")
+        world.things[world.things.index(thing)] = lookalike(thing, like=thing.shape_seed, seed=1)
+        del world.ids["a"]
+
+    world = make_world()
+    assert revisit(world, look_away, disguise) == []
+    assert_map_is_true(world)
+
+
+def test_things_of_one_size_that_look_somewhat_alike_and_trade_places_have_moved():
+    p, q = standing("p", -0.25, 0.0), standing("q", 0.3, 0.0)
+    world = make_world([*five_things()[:4], p, lookalike(q, like=p.shape_seed, seed=1)])
+    assert revisit(world, look_away, swap("p", "q")) == [(MOVED, "p"), (MOVED, "q")]
+    assert_map_is_true(world)
+
+
+@pytest.mark.parametrize("off_m", [0.0, 0.12])
+def test_trade_of_places_is_seen_through_drift(off_m):
+    """The second visit starts 12 cm off, so that in the map what collides is far apart."""
+    off = np.array([0.0, 0.0, 0.0, off_m, 0.0, 0.0])
+    world = make_world(drift=lambda frame: off * (frame >= 16))
+    assert revisit(world, swap("a", "b")) == [(MOVED, "a"), (MOVED, "b")]

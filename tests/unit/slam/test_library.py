@@ -124,12 +124,39 @@ def test_what_was_seen_a_moment_ago_may_look_more_unlike(scene):
         assert alike_in_place(codes, scene.tracks, limit / 2, frame_index=101)[0, 2] == alike
 
 
-def test_descriptor_stays_of_unit_length(scene):
+def test_descriptor_stays_of_unit_length_and_learns(scene):
     track = scene.tracks[0]
     other = view_of([make_thing(9, False, np.zeros(3), np.random.default_rng(5))]).codes[0]
-    track.see(other, track.place, track.last, np.ones(2), 1)
+    likeness = []
+    for frame_index in range(100):
+        track.see(other, track.place, track.last, np.ones(2), frame_index)
+        likeness.append(track.descriptor @ other.descriptor)
     assert np.linalg.norm(track.descriptor) == pytest.approx(1.0)
-    assert track.descriptor @ other.descriptor > 0.5
+    assert (np.diff(likeness) > 0.0).all()
+    assert likeness[-1] > 0.9
+
+
+def test_poor_views_of_another_object_hardly_change_what_a_track_looks_like(scene):
+    track, codes = scene.tracks[0], view_of(scene.things).codes
+    own = replace(codes[0], sigmas=np.full(6, 0.001))
+    other = replace(own, descriptor=codes[2].descriptor)
+    poor = replace(other, sigmas=np.full(6, 0.05))
+    for frame_index in range(20):
+        track.see(own, track.place, track.last, np.zeros(2), frame_index)
+    for frame_index in range(20, 60):
+        track.see(poor, track.place, track.last, np.zeros(2), frame_index)
+    assert track.descriptor @ own.descriptor > 0.95
+    assert track.last_sure == 19
+
+
+def test_object_never_seen_clearly_is_sure_only_while_it_looks_alike(scene):
+    codes = [replace(code, sigmas=np.full(6, 0.05)) for code in view_of(scene.things).codes]
+    library, known = ObjectLibrary(), scene.tracks[0]
+    track = library.add(codes[0], known.place, known.last, np.zeros(2), 3)
+    for frame_index in range(4, 30):
+        track.see(codes[0], known.place, known.last, np.zeros(2), frame_index)
+    track.see(codes[2], known.place, known.last, np.zeros(2), 30)
+    assert (track.last_sure, track.seen_clearly) == (29, False)
 
 
 def test_periods_of_sight_end_after_a_gap(scene):
