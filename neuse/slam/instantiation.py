@@ -25,7 +25,7 @@ class InstantiationParams(CheckedParams):
     )
     max_range_m: float = param(2.0, "no further from the camera, metres (paper: 2)", 0.01, 100.0)
     min_mask_px: int = param(
-        1000, "no smaller mask, pixels: a small mug at 1 m and 640 x 480 (paper: 4000)", 1, 100000000
+        500, "no smaller mask, pixels: a vial at 1 m and 640 x 480 (paper: 4000)", 1, 100000000
     )
     min_sightings: int = param(
         3,
