@@ -177,12 +177,14 @@ class Judge:
 
         Boxes alone cannot tell a new object from an old one that is badly seen: depth or the shapes must.
         """
-        if known.last_tick >= newcomer.since_tick or _tied_since(views) > known.last_tick:
+        if known.last_tick >= newcomer.since_tick:
             return False
         return self._collide(newcomer, known, views) and self._is_exchange(newcomer, known, views)
 
     def _collide(self, newcomer: ObjectRecord, known: ObjectRecord, views: Sequence[AnchoredView]) -> bool:
-        """Whether both cannot stand where they are, the newcomer relative to the anchors (appendix)."""
+        """Whether both cannot stand where they are (appendix), by anchors met before the older one was left."""
+        if _tied_since(views) > known.last_tick:
+            return False
         box = self._box(newcomer).moved(views[-1].T_reference_observed)
         return is_displaced(self._box(known), box, self._upkeep)
 
@@ -201,13 +203,9 @@ class Judge:
         shift = self._shift_share(newcomer, known, views) / self._params.min_shift_share
         same_surface = self._params.same_surface + (0.0 if self._may_come_from(newcomer, known) else _UNKNOWN)
         evidence += same_surface * max(1.0 - shift, 0.0)
-        if self._follows_at_once(newcomer, known):
+        if newcomer.first_seen_ns - known.last_sure_ns <= self._params.exchange_s * 1e9:
             evidence += self._params.same_surface
         return evidence < 0.0
-
-    def _follows_at_once(self, newcomer: ObjectRecord, known: ObjectRecord) -> bool:
-        """Too soon after a sure sight of the known object for another to have taken its place."""
-        return newcomer.first_seen_ns - known.last_sure_ns <= self._params.exchange_s * 1e9
 
     def _may_come_from(self, newcomer: ObjectRecord, displaced: ObjectRecord) -> bool:
         """Whether it looks like another known object that has not been seen since it came."""
