@@ -182,7 +182,7 @@ class Judge:
         return self._collide(newcomer, known, views) and self._is_exchange(newcomer, known, views)
 
     def _collide(self, newcomer: ObjectRecord, known: ObjectRecord, views: Sequence[AnchoredView]) -> bool:
-        """Whether both cannot stand where they are (appendix), by anchors met before the older one was left."""
+        """Whether both cannot stand where they are (appendix), by anchors known when the older was seen."""
         if _tied_since(views) > known.last_tick:
             return False
         box = self._box(newcomer).moved(views[-1].T_reference_observed)
