@@ -51,8 +51,8 @@ class RelocalizationParams(CheckedParams):
         0.003, "so many layouts as large as this may be expected to agree by chance", 0.0, 1.0
     )
     confirmations: int = param(3, "times in a row that the same place must be found", 1, 100)
-    max_sigma_m: float = param(0.04, "the camera's position there is known within this, metres", 1e-3, 10.0)
-    max_sigma_rad: float = param(0.04, "and its rotation within this, rad", 1e-3, 3.15)
+    max_sigma_m: float = param(0.025, "the camera's position there is known within this, metres", 1e-3, 10.0)
+    max_sigma_rad: float = param(0.02, "and its rotation within this, rad", 1e-3, 3.15)
 
 
 @dataclass(frozen=True)
