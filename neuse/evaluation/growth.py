@@ -66,7 +66,7 @@ def associate_frame(
     observations = observed.observations
     codes = tuple(observation.code for observation in observations)
     centers = np.array([observation.partial_center for observation in observations])
-    view = View(codes, reduce_codes(codes), centers)
+    view = View(codes, reduce_codes(codes), centers, tracker.rivals(codes))
     motion = Motion(T_before_now, np.diag(FRAME_SIGMAS**2))
     located = tracker.locate(view, [Hypothesis.after(tracker.belief, motion)])
     tracks, _ = tracker.update(view, observations, located)

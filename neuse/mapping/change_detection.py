@@ -33,6 +33,12 @@ class ChangeParams(CheckedParams):
     pending_s: float = param(
         60.0, "an object come is held back this long while it may be from a place not seen since, s", 0.0, 1e6
     )
+    doubtful_s: float = param(
+        10.0,
+        "an object gone for so long may be what is met without a sign that it has come, s",
+        0.0,
+        1e6,
+    )
     move_likeness: float = param(
         3.0,
         "least evidence (log likelihood ratio) that a newcomer is an object gone, not one of twenty like it",
@@ -73,6 +79,7 @@ class ChangeDetector:
     def __init__(self, params: ChangeParams) -> None:
         self._removal_ns = int(params.removal_s * 1e9)
         self._pending_ns = int(params.pending_s * 1e9)
+        self._doubtful_ns = int(params.doubtful_s * 1e9)
         self._memory_ns = int(params.memory_s * 1e9)
         self._move_likeness = params.move_likeness
         self._gone: dict[int, _Open] = {}
@@ -103,7 +110,9 @@ class ChangeDetector:
         doubtful: newcomers that may have come or been overlooked before, which only their shape can tell.
         """
         self._expire(stamp_ns)
-        candidates = self._candidates(library, stamp_ns, final) + self._returns(library, doubtful, stamp_ns)
+        candidates = self._candidates(library, stamp_ns, final) + self._returns(
+            library, doubtful, stamp_ns, final
+        )
         moves = self._moves(candidates)
         explained = {move.object_id for move in moves}
         waiting = {newcomer_id for _, newcomer_id, known_id in candidates if known_id not in explained}
@@ -143,13 +152,14 @@ class ChangeDetector:
         return pairs
 
     def _returns(
-        self, library: ObjectLibrary, doubtful: Set[int], stamp_ns: int
+        self, library: ObjectLibrary, doubtful: Set[int], stamp_ns: int, final: bool
     ) -> list[tuple[float, int, int]]:
-        """(likeness, newcomer, object) of objects gone that doubtful newcomers, met of late, surely are."""
+        """(likeness, newcomer, object) of objects long gone that doubtful newcomers, met of late, may be."""
         pairs = []
-        for newcomer_id, known_id in product(sorted(doubtful - self._come.keys()), self._gone):
+        long_gone = [i for i, e in self._gone.items() if final or stamp_ns - e.since_ns >= self._doubtful_ns]
+        for newcomer_id, known_id in product(sorted(doubtful - self._come.keys()), long_gone):
             newcomer = library.records[newcomer_id]
-            if stamp_ns - newcomer.first_seen_ns < self._pending_ns:
+            if self._gone[known_id].since_ns - newcomer.first_seen_ns < self._pending_ns:
                 likeness = self._likeness(newcomer, library.records[known_id], library)
                 if likeness >= self._move_likeness + _DOUBTFUL_LIKENESS:
                     pairs.append((likeness, newcomer_id, known_id))

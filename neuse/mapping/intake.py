@@ -4,7 +4,7 @@ from neuse.mapping.keyframe_memory import KeyframeMemory, SeenKeyframe
 from neuse.mapping.newcomers import Judge
 from neuse.mapping.object_library import LibraryParams, ObjectLibrary, associated
 from neuse.mapping.object_record import ObjectRecord
-from neuse.mapping.views import make_view, tells_shape
+from neuse.mapping.views import make_view
 from neuse.records import NO_ID, MatchStatus, TrackedFrame, TrackedObservation
 
 
@@ -30,7 +30,7 @@ class Intake:
                 self._memory.seen[frame.keyframe_id].centers[object_id] = seen.code.center
             if not record.is_present or record.category != seen.code.category:
                 continue
-            record.seen(tick, frame.stamp_ns, tells_shape(seen.code))
+            record.seen(tick, frame.stamp_ns, seen.code)
             if keyframe_id not in record.views:
                 count = self._params.points_per_view
                 view = make_view(seen.code, seen.cloud, T_keyframe_camera, seen.touches_border, count)
@@ -59,5 +59,5 @@ class Intake:
         if object_id is None:
             return None
         record = self._library.records[object_id]
-        record.seen(keyframe.tick, frame.stamp_ns, tells_shape(tracked.observation.code))
+        record.seen(keyframe.tick, frame.stamp_ns, tracked.observation.code)
         return record

@@ -95,7 +95,10 @@ class ObjectMapper:
         """Decide what is still waiting for evidence, at the end of a bag or when the camera stops."""
         self._judge_newcomers(self._newcomers)
         self.merge_duplicates()
-        return self._detect_changes(final=True)
+        changes = self._detect_changes(final=True)
+        while further := self._detect_changes(final=True):  # what a move has displaced may have moved, too
+            changes += further
+        return changes
 
     @property
     def changes(self) -> tuple[ObjectChange, ...]:
@@ -235,6 +238,9 @@ class ObjectMapper:
         """Let an object take over the place of the newcomer that it is."""
         record, newcomer = (self._library.records[i] for i in (move.object_id, move.newcomer_id))
         change = self._reports.report(self._stamp_ns, ChangeKind.MOVED, record, record, newcomer)
+        for displaced_id in self._judge.displaced_by(newcomer):
+            if displaced_id != move.object_id:
+                self._presence.displace(displaced_id)
         self._library.move(move.object_id, move.newcomer_id)
         self._newcomers.discard(move.object_id)
         self._presence.forget(move.object_id)

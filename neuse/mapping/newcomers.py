@@ -47,6 +47,7 @@ class NewcomerParams(CheckedParams):
 _SWEEP_M = 0.1  # rough centres further apart are of two objects
 _NEIGHBOUR_M = 1.0  # objects further apart do not touch
 _ALIKE = 3.0  # likeness of one object, not of one of twenty
+_STAYS = 3.0  # evidence of no change: most objects stay where they are
 _UNKNOWN = 3.0  # evidence against an exchange for something never seen that fills the very same place
 
 
@@ -102,6 +103,20 @@ class Judge:
         enough = len(newcomer.views) >= self._params.discovery_views
         origin = Origin.DISCOVERY if enough else Origin.OPEN
         return Verdict(origin, is_doubtful=self._is_doubtful(newcomer))
+
+    def displaced_by(self, newcomer: ObjectRecord) -> list[int]:
+        """Objects, not seen since, in whose place one stands that has turned out to be yet another."""
+        views = self._evidence.anchored_views(newcomer, self._params.discovery_views)
+        older = self._neighbours(newcomer, [k for k in self._library if k.is_present])
+        unseen = [known for known in older if known.last_tick < newcomer.since_tick]
+        return [known.object_id for known in unseen if self._fills_place(newcomer, known, views)]
+
+    def _fills_place(
+        self, newcomer: ObjectRecord, known: ObjectRecord, views: Sequence[AnchoredView]
+    ) -> bool:
+        """As the anchors have it, if there are any, or the map."""
+        in_place = bool(views) and self._is_in_place(known, views)
+        return in_place or is_displaced(self._box(known), self._box(newcomer), self._upkeep)
 
     def recognise(self, unmatched: TrackedObservation, keyframe: SeenKeyframe) -> int | None:
         """The known object of like shape, if any, in whose place an unmatched observation is (IV-D)."""
@@ -193,36 +208,43 @@ class Judge:
     ) -> bool:
         """Whether depth or the shapes tell the newcomer from an object that it collides with."""
         shifted = self._shift_share(newcomer, known, views) >= self._params.min_shift_share
-        return shifted or self._is_other(newcomer, known, views)
+        return (shifted and not self._at_once(newcomer, known)) or self._is_other(newcomer, known, views)
 
     def _is_other(self, newcomer: ObjectRecord, known: ObjectRecord, views: Sequence[AnchoredView]) -> bool:
         """Whether shapes, depth and time together tell the newcomer from an object in the same place."""
+        at_once = self._at_once(newcomer, known)
+        well_known = len(known.views) >= self._params.discovery_views
+        from_elsewhere = self._likeness_to_others(newcomer, known) - _ALIKE
         evidence = newcomer.likeness(known)
+        if well_known and not at_once:
+            evidence -= max(from_elsewhere - _STAYS, 0.0)
         if evidence >= 0.0 or evidence == -np.inf:
             return evidence < 0.0
         shift = self._shift_share(newcomer, known, views) / self._params.min_shift_share
-        same_surface = self._params.same_surface + (0.0 if self._may_come_from(newcomer, known) else _UNKNOWN)
+        same_surface = self._params.same_surface + (0.0 if from_elsewhere >= 0.0 else _UNKNOWN)
         evidence += same_surface * max(1.0 - shift, 0.0)
-        if newcomer.first_seen_ns - known.last_sure_ns <= self._params.exchange_s * 1e9:
-            evidence += self._params.same_surface
-        return evidence < 0.0
+        return evidence + (self._params.same_surface if at_once else 0.0) < 0.0
 
-    def _may_come_from(self, newcomer: ObjectRecord, displaced: ObjectRecord) -> bool:
-        """Whether it looks like another known object that has not been seen since it came."""
+    def _at_once(self, newcomer: ObjectRecord, known: ObjectRecord) -> bool:
+        """So soon after a sure sight of the known object that it can hardly have been taken away."""
+        return newcomer.first_seen_ns - known.last_sure_ns <= self._params.exchange_s * 1e9
+
+    def _likeness_to_others(self, newcomer: ObjectRecord, displaced: ObjectRecord) -> float:
+        """To the known object that it looks like most, among those not seen since it came."""
         others = (k for k in self._library if k is not displaced and k.last_tick < newcomer.since_tick)
-        return any(newcomer.likeness(known) >= _ALIKE for known in others)
+        return max((newcomer.likeness(known) for known in others), default=-np.inf)
 
     def _shift_share(
         self, newcomer: ObjectRecord, known: ObjectRecord, views: Sequence[AnchoredView]
     ) -> float:
         """Share of the newcomer's place seen free before it came, or of the older object's since then."""
-        before = self._sights_before(newcomer, views, known.last_tick + 1)
+        before = self._sights_at(newcomer, views, range(known.since_tick, known.last_tick + 1))
         after = self._evidence.sights(known.points, [view.keyframe for view in views], known)
         return max(free_share(before), free_share(after))
 
     def _was_free(self, newcomer: ObjectRecord, views: Sequence[AnchoredView]) -> bool:
         """Earlier keyframes saw through the place, until something came that has been there since."""
-        before = self._sights_before(newcomer, views, newcomer.since_tick)
+        before = self._sights_at(newcomer, views, range(_tied_since(views), newcomer.since_tick))
         while before and not before[-1].is_empty:
             before.pop()
         empty, taken = sum(sight.is_empty for sight in before), sum(sight.is_taken for sight in before)
@@ -233,11 +255,12 @@ class Judge:
         well_seen = len(newcomer.views) >= self._params.min_views
         return well_seen and any(k.last_tick < newcomer.since_tick for k in self._evidence.around(newcomer))
 
-    def _sights_before(self, newcomer: ObjectRecord, views: Sequence[AnchoredView], tick: int) -> list[Sight]:
-        """What keyframes before that step, but after the anchors were met, saw at the place; oldest first."""
+    def _sights_at(self, newcomer: ObjectRecord, views: Sequence[AnchoredView], ticks: range) -> list[Sight]:
+        """What keyframes of these steps, but after the anchors were met, saw at the place; oldest first."""
         points = np.concatenate([view.points for view in views])
+        ticks = range(max(ticks.start, _tied_since(views)), ticks.stop)
         keyframes = self._evidence.keyframes_at(
-            points.mean(axis=0), range(_tied_since(views), tick), self._params.max_evidence_keyframes
+            points.mean(axis=0), ticks, self._params.max_evidence_keyframes
         )
         return self._evidence.sights(points, keyframes, newcomer)
 

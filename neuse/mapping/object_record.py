@@ -9,8 +9,9 @@ from neuse.embedding.code import Code
 from neuse.geometry import Array, transform_points
 from neuse.mapping.keyframe_memory import most_redundant
 from neuse.mapping.likeness import likeness
-from neuse.mapping.views import View, average_codes
+from neuse.mapping.views import View, average_codes, tells_shape
 from neuse.records import NO_ID, MapObject, ObjectStatus
+from neuse.slam.track import SURELY_SAME
 
 _NEVER_NS = -(2**62)
 _VIEWS_OF_PLACE = 6  # so many views show an object's surface from all sides
@@ -95,17 +96,22 @@ class ObjectRecord:
         """Evidence that both have one shape (see `likeness.likeness`)."""
         return likeness(self.code, other.code)
 
-    def seen(self, tick: int, stamp_ns: int, tells_shape: bool = True) -> None:
+    def seen(self, tick: int, stamp_ns: int, code: Code) -> None:
         """The object was matched at its place.
 
-        A view that does not tell its shape may as well be of another object that stands there by now; once
-        the object has been seen well, such views do not show that it still does.
+        A view that does not tell its shape may as well be of another object that stands there by now. Once
+        the object has been seen well, such views do not show that it still does; before, those that look
+        like it do.
         """
         self.last_seen_ns = stamp_ns
         self.n_observations += 1
-        if tells_shape or not self.seen_well:
+        tells = tells_shape(code)
+        if tells or not self.views or (not self.seen_well and self._looks_like(code)):
             self.last_tick, self.last_sure_ns = tick, stamp_ns
-        self.seen_well |= tells_shape
+        self.seen_well |= tells
+
+    def _looks_like(self, code: Code) -> bool:
+        return bool(1.0 - self.code.descriptor @ code.descriptor <= SURELY_SAME)
 
     def add_view(self, keyframe_id: int, view: View, max_views: int) -> None:
         """Keep the first view of each keyframe; beyond `max_views` the one of the smallest gap goes."""

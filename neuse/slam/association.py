@@ -98,7 +98,7 @@ def associate(
         prediction: the expected camera pose; its uncertainty is in `drift`.
     """
     places, shapes = places_of(tracks), similarity(view.codes, tracks)
-    alike = alike_in_place(view.codes, tracks, params.max_unlikeness, frame_index)
+    alike = alike_in_place(view.codes, view.rivals, tracks, params.max_unlikeness, frame_index)
     pairs = _tracked_pairs(view, places, shapes, alike, drift, prediction.T_map_camera, params)
     matches = _heaviest_tracked(view, places, pairs, drift, prediction.T_map_camera, params)
     free = [i for i in range(len(view)) if i not in matches or not tracks[matches[i]].confirmed]

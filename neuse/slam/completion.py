@@ -34,7 +34,7 @@ def complete(
     if anchors:
         drift = drift_from(anchors, tracks)
     offsets_m, gates_m = _offsets_and_gates(view, tracks, belief, params)
-    alike = alike_in_place(view.codes, tracks, params.max_unlikeness, frame_index)
+    alike = alike_in_place(view.codes, view.rivals, tracks, params.max_unlikeness, frame_index)
     columns = {track.key: m for m, track in enumerate(tracks)}
     result = [
         track if track is not None and offsets_m[i, columns[track.key]] <= 2 * gates_m[i] else None

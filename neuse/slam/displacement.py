@@ -9,7 +9,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from neuse.embedding.code import Code
 from neuse.geometry import Array
 from neuse.slam.association import AssociationParams
 from neuse.slam.layout import View
@@ -42,17 +41,17 @@ class DisplacementWatch:
         if not clear or not missing:
             return []
         standing = _standing(view, matched, clear, T_map_camera)
-        codes = [view.codes[i] for i in clear]
-        taken = self._taken(codes, standing, missing, frame_index)
+        taken = self._taken(view, clear, standing, missing, frame_index)
         self._contradictions.update(track.key for track in taken)
         return [track for track in taken if self._contradictions[track.key] >= self._enough]
 
     def _taken(
-        self, codes: Sequence[Code], standing: Array, missing: Sequence[Track], frame_index: int
+        self, view: View, clear: Sequence[int], standing: Array, missing: Sequence[Track], frame_index: int
     ) -> list[Track]:
         """Tracks in whose places something stands that looks otherwise."""
         offsets_m = np.linalg.norm(standing[:, None] - places_of(missing)[0][None], axis=-1)
-        alike = alike_in_place(codes, missing, self._params.max_unlikeness, frame_index)
+        codes, rivals = [view.codes[i] for i in clear], [view.rivals[i] for i in clear]
+        alike = alike_in_place(codes, rivals, missing, self._params.max_unlikeness, frame_index)
         taken = (~alike & (offsets_m <= self._params.delta_prox_m)).any(axis=0)
         return [track for track, is_taken in zip(missing, taken, strict=True) if is_taken]
 

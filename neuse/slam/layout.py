@@ -7,15 +7,20 @@ import numpy as np
 from neuse.embedding.code import Code
 from neuse.geometry import Array
 from neuse.slam.object_frames import ObjectFrames
+from neuse.slam.track import Track
 
 
 @dataclass(frozen=True)
 class View:
-    """The usable observations of one frame, reduced."""
+    """The usable observations of one frame, reduced.
+
+    rivals: of each the known object, if any, that it is if it is not the one whose place it is in.
+    """
 
     codes: tuple[Code, ...]
     frames: ObjectFrames
     partial_centers: Array
+    rivals: tuple[Track | None, ...]
 
     def __len__(self) -> int:
         return len(self.codes)

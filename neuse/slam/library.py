@@ -14,6 +14,8 @@ from neuse.slam.track_table import TrackTable
 
 LONG_AGO = -1_000_000  # a frame before all others
 RECENT_FRAMES, RECENT_FACTOR = 30, 4.0  # within 3 s nobody trades objects; a mask may be cut
+TOO_UNLIKE = 0.08  # 1 - cosine from which on a view may rather be of an object that it looks like far more,
+FAR_MORE_ALIKE, PERFECTLY_ALIKE = 4.0, 0.005  # so many times, and no less than this counts
 
 
 class Shaped(Protocol):
@@ -125,10 +127,22 @@ class ObjectLibrary:
         self._turn += most
         return self.table.at(chosen & allowed)
 
-    def alike(self, codes: Sequence[Code], delta_shape: float) -> list[Track]:
-        """Objects of the map that may be alike in shape to one of the codes, wherever they stand or stood."""
-        may_be = self.table.may_be_alike([code.descriptor for code in codes], delta_shape)
+    def alike(self, some: Sequence[Code | Track], delta_shape: float) -> list[Track]:
+        """Objects of the map that may be alike in shape to one of these, wherever they stand or stood."""
+        may_be = self.table.may_be_alike([shaped.descriptor for shaped in some], delta_shape)
         return self.table.at(may_be & self.table["confirmed"])
+
+    def rivals(
+        self, some: Sequence[Code | Track], delta_shape: float, frame_index: int
+    ) -> tuple[Track | None, ...]:
+        """The object of the map that each is most alike to, among those not seen for sure a moment ago."""
+        known = self.alike(some, delta_shape)
+        unsettled = [track for track in known if frame_index - track.last_sure > RECENT_FRAMES]
+        if not unsettled:
+            return (None,) * len(some)
+        S = similarity(some, unsettled)
+        best = S.argmax(axis=1).tolist()
+        return tuple(unsettled[m] if S[i, m] >= delta_shape else None for i, m in enumerate(best))
 
     def named(self, object_id: int) -> list[Track]:
         """Tracks of one object: the active one and the places where it once was."""
@@ -163,12 +177,36 @@ def unlikeness(some: Sequence[Code | Track], others: Sequence[Track]) -> Array:
 
 
 def alike_in_place(
-    some: Sequence[Code | Track], others: Sequence[Track], max_unlikeness: float, frame_index: int
+    some: Sequence[Code | Track],
+    rivals: Sequence[Track | None],
+    others: Sequence[Track],
+    max_unlikeness: float,
+    frame_index: int,
 ) -> np.ndarray:
     """(n, m) bool, whether these may be the others by their shapes, standing where those stand.
 
     What was seen for sure there a moment before this frame is hardly another object now, only half hidden: it
-    may look more unlike.
+    may look more unlike. Otherwise what looks far more like its rival is taken for that.
     """
     recent = np.array([frame_index - track.last_sure <= RECENT_FRAMES for track in others], dtype=bool)
-    return unlikeness(some, others) <= np.where(recent, RECENT_FACTOR, 1.0) * max_unlikeness
+    alike = unlikeness(some, others) <= np.where(recent, RECENT_FACTOR, 1.0) * max_unlikeness
+    return alike & (recent | ~rather_rivals(some, rivals, others))
+
+
+def rather_rivals(
+    some: Sequence[Code | Track], rivals: Sequence[Track | None], others: Sequence[Track]
+) -> np.ndarray:
+    """(n, m) bool, whether these look far more like their rivals than like the others.
+
+    Of 68 566 good views of one object in 36 simulated worlds two in a thousand do, spread over many visits.
+    """
+    result = np.zeros((len(some), len(others)), dtype=bool)
+    if not any(rivals):
+        return result
+    differences, ids = 1.0 - similarity(some, others), np.array([track.object_id for track in others])
+    for i, rival in enumerate(rivals):
+        if rival is not None:
+            difference = max(1.0 - float(some[i].descriptor @ rival.descriptor), PERFECTLY_ALIKE)
+            too_unlike = differences[i] > max(TOO_UNLIKE, FAR_MORE_ALIKE * difference)
+            result[i] = too_unlike & (ids != rival.object_id)
+    return result

@@ -201,7 +201,8 @@ class ObjectSlam:
         partial_centers = np.array([observation.partial_center for observation in observations]).reshape(
             -1, 3
         )
-        return View(codes, reduce_codes(codes, self.params.sigmas), partial_centers)
+        frames = reduce_codes(codes, self.params.sigmas)
+        return View(codes, frames, partial_centers, self._tracker.rivals(codes))
 
     def _tracked(
         self, frame: ObservedFrame, usable: Sequence[int], view: View, tracks: Tracks, fresh: Sequence[Track]

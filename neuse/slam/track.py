@@ -17,6 +17,8 @@ SHAPE_NOISE = (0.004, 0.05)  # 1 - cosine to be expected of a perfect view, and 
 AVERAGED_SHAPE_NOISE = 0.002  # of many views
 CLEAR_SHAPE_NOISE = 0.01  # of a view that may contradict, or show that an object still is the same
 SURE_UNLIKENESS = 4.0  # of one in ten views of the same object
+SURELY_SAME = 0.1  # 1 - cosine beyond which no view, however poor, shows that an object still is the same
+SHAPE_MEMORY = MEMORY / SHAPE_NOISE[0]  # information that an averaged descriptor keeps
 
 
 @dataclass(frozen=True)
@@ -98,14 +100,15 @@ class Track:
         What looks otherwise counts for less (Cauchy's weights): many poor views of another object in this
         place must not make a clear one of it look right.
         """
-        noise = shape_noise(code)
-        unlikeness = (1.0 - self.descriptor @ code.descriptor) / (noise + self.shape_noise)
+        noise, difference = shape_noise(code), 1.0 - float(self.descriptor @ code.descriptor)
+        unlikeness = difference / (noise + self.shape_noise)
         is_clear = noise <= CLEAR_SHAPE_NOISE
-        if (is_clear or not self.seen_clearly) and unlikeness <= SURE_UNLIKENESS:
+        tells = is_clear or (not self.seen_clearly and difference <= SURELY_SAME)
+        if tells and unlikeness <= SURE_UNLIKENESS:
             self.last_sure = frame_index
         self.seen_clearly |= is_clear
         weight = 1.0 / (noise * (1.0 + (unlikeness / SURE_UNLIKENESS) ** 2))
-        self.shape_weight = _remembered(self.shape_weight) + weight
+        self.shape_weight = min(self.shape_weight, SHAPE_MEMORY) + weight
         mean = self.descriptor + (code.descriptor - self.descriptor) * weight / self.shape_weight
         self.descriptor = mean / np.linalg.norm(mean)
 

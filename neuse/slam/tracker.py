@@ -23,7 +23,7 @@ from neuse.slam.instantiation import (
     may_be_known,
 )
 from neuse.slam.layout import View
-from neuse.slam.library import ObjectLibrary, similarity, unlikeness
+from neuse.slam.library import ObjectLibrary, rather_rivals, similarity, unlikeness
 from neuse.slam.localization import Belief, localize, to_map
 from neuse.slam.nearest import associate_nearest
 from neuse.slam.odometry import Motion
@@ -168,6 +168,10 @@ class ObjectTracker:
             track.in_graph = True
         return due
 
+    def rivals(self, some: Sequence[Code | Track]) -> tuple[Track | None, ...]:
+        """Of each the known object, if any, that it is if it is not the one in whose place it is."""
+        return self.library.rivals(some, self.association.delta_shape, self._frame_index)
+
     def similar_ids(self, codes: Sequence[Code]) -> list[tuple[int, ...]]:
         """For each code the objects of like shape, most similar first; also those that left their place."""
         known = self.library.alike(codes, self.association.delta_shape)
@@ -229,6 +233,7 @@ class ObjectTracker:
             near = is_object & table.near(track.place[0], known_gates_m(drifts, delta_prox_m))
             known = table.at(near)
             alike = unlikeness([track], known)[0] <= self.association.max_unlikeness
+            alike &= ~rather_rivals([track], self.rivals([track]), known)[0]
             doubtful = may_be_known(track, alike, known, drifts[near], matched, delta_prox_m)
             if is_due(track, doubtful, self.instantiation):
                 self.library.confirm(track)

@@ -182,6 +182,7 @@ class World:
     changes: list[ObjectChange] = field(default_factory=list)
     ids: dict[str, int] = field(default_factory=dict)
     frames: int = 0
+    waited_ns: int = 0
     _places: dict[str, Array] = field(default_factory=dict)
     _sightings: dict[str, int] = field(default_factory=dict)
     _next_id: int = 0
@@ -211,6 +212,10 @@ class World:
         """Let the camera see the world from these poses."""
         for T_world_camera in poses:
             self.step(T_world_camera)
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass in which the camera sees nothing."""
+        self.waited_ns += int(seconds * 1e9)
 
     def finish(self) -> list[ObjectChange]:
         """Ask for what the mapper still holds back; all changes."""
@@ -242,7 +247,7 @@ class World:
         wobble = np.concatenate([self._rng.normal(scale=0.003, size=3), self._rng.normal(scale=1, size=3)])
         wobble[3:] *= self.pose_noise_m / np.sqrt(3)
         T_map_camera = T_world_camera @ geometry.exp(wobble + self.drift(self.frames))
-        stamp_ns = self.frames * FRAME_NS
+        stamp_ns = self.waited_ns + self.frames * FRAME_NS
         self._keyframes.append(Keyframe(self.frames, stamp_ns, T_map_camera))
         self.frames += 1
         return TrackedFrame(
@@ -251,7 +256,9 @@ class World:
         )  # fmt: skip
 
     def _blind_frame(self, i: int) -> TrackedFrame:
-        stamp_ns = self.frames * FRAME_NS - (BLIND_FRAMES - i) * FRAME_NS // (BLIND_FRAMES + 1)
+        stamp_ns = (
+            self.waited_ns + self.frames * FRAME_NS - (BLIND_FRAMES - i) * FRAME_NS // (BLIND_FRAMES + 1)
+        )
         T_map_camera, nothing = self._keyframes[-1].T_map_camera, np.zeros(COARSE, np.float32)
         return TrackedFrame(stamp_ns, T_map_camera, np.eye(6) * 1e-4, (), CAMERA, nothing, odometry_only=True)
 
@@ -347,11 +354,12 @@ def make_world(things: list[Thing] | None = None, mapper: ObjectMapper | None = 
 
 
 def revisit(world: World, *edits: Edit, count: int = 16) -> list[tuple[ChangeKind, str]]:
-    """Two tours around the table with edits between; the changes as (kind, true name at first sight)."""
+    """Two tours around the table, with edits and time between; the changes as (kind, first true name)."""
     world.tour(orbit(count=count))
     first_ids = {object_id: name for name, object_id in world.ids.items()}
     for edit in edits:
         edit(world)
+    world.wait(2.0)
     world.tour(orbit(count=count, start_rad=1.0))
     changes = world.finish()
     names = first_ids | {

@@ -12,7 +12,7 @@ from neuse.records import NO_ID, ChangeKind, ObjectChange, ObjectStatus
 from .synthetic import make_code, standing
 
 S = 1_000_000_000
-REMOVAL, PENDING, MEMORY = 2 * S, 60 * S, 120 * S
+REMOVAL, DOUBTFUL, PENDING, MEMORY = 2 * S, 10 * S, 60 * S, 120 * S
 
 
 def library_of(*entries):
@@ -92,7 +92,7 @@ def test_newcomer_waits_while_the_place_of_a_like_object_is_unseen(detector):
 def test_newcomer_is_added_once_the_like_object_is_seen_at_home(detector):
     library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
     detector.note_come(2, 0)
-    library.records[1].seen(21, 0)
+    library.records[1].seen(21, 0, library.records[1].code)
     assert decide(detector, library) == ([], [2], [])
 
 
@@ -112,12 +112,23 @@ def test_move_is_still_found_after_its_halves_were_reported(detector):
     assert decide(detector, library, S) == ([Move(1, 2)], [], [])
 
 
-def test_doubtful_newcomer_of_the_very_shape_of_an_object_gone_is_that_object(detector):
+def test_doubtful_newcomer_of_the_very_shape_of_an_object_long_gone_is_that_object(detector):
     library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
     assert decide(detector, library, doubtful={2}) == NOTHING
     detector.note_gone(1, 0)
-    assert decide(detector, library, REMOVAL, doubtful={2}) == ([Move(1, 2)], [], [])
+    assert decide(detector, library, REMOVAL, doubtful={2}) == ([], [], [1])
+    assert decide(detector, library, DOUBTFUL - 1, doubtful={2}) == NOTHING
+    assert decide(detector, library, DOUBTFUL, doubtful={2}) == ([Move(1, 2)], [], [])
     assert decide(detector, library, PENDING, final=True, doubtful={2}) == NOTHING
+
+
+def test_object_gone_is_rather_one_that_has_come_than_a_doubtful_newcomer(detector):
+    library = library_of((1, 5, 0, 3), (2, 5, 10, 20), (3, 5, 11, 20))
+    detector.note_gone(1, 0)
+    assert decide(detector, library, S, doubtful={2}) == NOTHING
+    detector.note_come(3, S)
+    assert decide(detector, library, S, doubtful={2}) == ([Move(1, 3)], [], [])
+    assert decide(detector, library, PENDING, doubtful={2}) == NOTHING
 
 
 def test_doubtful_newcomer_is_never_added(detector):
@@ -137,9 +148,9 @@ def test_doubtful_newcomer_must_look_more_like_an_object_gone_than_one_that_has_
     likeness = library.records[2].likeness(library.records[1])
     demanding = ChangeDetector(ChangeParams(move_likeness=likeness - 1.0))
     demanding.note_gone(1, 0)
-    assert decide(demanding, library, doubtful={2}) == NOTHING
-    demanding.note_come(2, 0)
-    assert decide(demanding, library, doubtful={2}) == ([Move(1, 2)], [], [])
+    assert decide(demanding, library, DOUBTFUL, doubtful={2}) == ([], [], [1])
+    demanding.note_come(2, DOUBTFUL)
+    assert decide(demanding, library, DOUBTFUL, doubtful={2}) == ([Move(1, 2)], [], [])
 
 
 def test_what_was_reported_long_ago_explains_nothing(detector):

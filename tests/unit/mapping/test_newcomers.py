@@ -9,6 +9,7 @@ from neuse.geometry import Array
 from neuse.records import ChangeKind
 
 from .synthetic import (
+    Edit,
     Thing,
     World,
     assert_map_is_true,
@@ -125,6 +126,26 @@ def test_object_put_on_a_table_where_nothing_has_stayed_has_moved(table_m, gone)
     assert changes.keys() == {(REMOVED, known_ids[name]) for name in gone}
 
 
+def test_object_in_whose_place_another_turns_out_to_stand_is_gone():
+    """Nothing is left on the far table by which its places could be seen empty."""
+    far = [standing("f", 5.8, -0.2), standing("g", 6.2, 0.2, category="mug")]
+    world = make_world(
+        [*five_things(), *far],
+        tables=((0.0, 0.0, 0.6), (6.0, 0.0, 0.6)),
+        drift=lambda frame: np.full(6, 1e-6 * (frame >= 32)),
+    )
+    world.tour([*orbit(count=16), *orbit(x=6.0, count=16)])
+    world.remove("f")
+    world.remove("g")
+    world.move("a", 5.8, -0.2)
+    known_ids = dict(world.ids)
+    world.wait(2.0)
+    world.tour([*orbit(count=16), *orbit(x=6.0, count=16)])
+    world.finish()
+    changes = {(change.kind, change.object_id) for change in world.mapper.changes}
+    assert changes == {(MOVED, known_ids["a"]), (REMOVED, known_ids["f"])}
+
+
 def test_twin_of_an_object_gone_that_stands_where_nothing_was_known_is_a_discovery():
     world = make_world(tables=((0.0, 0.0, 0.6), (3.0, 0.0, 0.6)))
     world.tour(orbit(count=16))
@@ -167,16 +188,30 @@ def test_doubles_that_a_loop_closure_brings_together_are_one():
     assert len(world.mapper.object_map.objects) == len(world.things)
 
 
-def test_thing_that_looks_otherwise_on_the_second_visit_is_no_exchange():
-    """Association fails for its descriptor; no other thing looks like it, and depth shows no change."""
+def disguise(name: str) -> Edit:
+    """Let association fail for the thing's descriptor, which no other thing has."""
 
-    def disguise(world: World) -> None:
-        thing = world.thing("a")
+    def edit(world: World) -> None:
+        thing = world.thing(name)
         world.things[world.things.index(thing)] = lookalike(thing, like=thing.shape_seed, seed=1)
-        del world.ids["a"]
+        del world.ids[name]
 
+    return edit
+
+
+def test_thing_that_looks_otherwise_on_the_second_visit_is_no_exchange():
+    """Depth shows no change."""
     world = make_world()
-    assert revisit(world, look_away, disguise) == []
+    assert revisit(world, look_away, disguise("a")) == []
+    assert_map_is_true(world)
+
+
+def test_that_a_place_was_free_before_a_thing_came_does_not_tell_that_it_went():
+    world = make_world()
+    world.tour(orbit(count=16))
+    world.add(standing("f", 0.0, -0.35))
+    look_away(world)
+    assert revisit(world, look_away, disguise("f")) == [(ADDED, "f")]
     assert_map_is_true(world)
 
 

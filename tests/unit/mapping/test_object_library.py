@@ -126,7 +126,18 @@ def test_place_that_an_object_left_stays_known_and_follows_its_keyframes():
 
 def test_view_that_tells_no_shape_does_not_show_that_a_known_object_is_still_there():
     known = record(1, poses(2), last_tick=1)
-    for tick, tells, last_tick in ((2, False, 2), (3, True, 3), (4, False, 3), (5, True, 5)):
-        known.seen(tick, 100 * tick, tells)
+    clear = replace(known.views[0].code, sigmas=np.full(6, 0.001))
+    poor = replace(clear, sigmas=np.full(6, 0.05))
+    for tick, code, last_tick in ((2, poor, 2), (3, clear, 3), (4, poor, 3), (5, clear, 5)):
+        known.seen(tick, 100 * tick, code)
         assert (known.last_tick, known.last_seen_ns) == (last_tick, 100 * tick)
     assert known.n_observations == 4
+
+
+def test_poor_view_that_looks_otherwise_does_not_show_that_an_object_never_seen_well_is_still_there():
+    known = record(1, poses(2), last_tick=1)
+    poor = replace(known.views[0].code, sigmas=np.full(6, 0.05))
+    known.seen(2, 200, replace(poor, descriptor=-poor.descriptor))
+    assert known.last_tick == 1
+    known.seen(3, 300, poor)
+    assert known.last_tick == 3

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from neuse.slam.drift import drift_between
-from neuse.slam.library import ObjectLibrary, alike_in_place, similarity, unlikeness
+from neuse.slam.library import ObjectLibrary, alike_in_place, rather_rivals, similarity, unlikeness
 from neuse.slam.object_frames import frames_at
 from neuse.slam.track import orthonormal_places, places_of, shape_noise
 
@@ -121,19 +121,60 @@ def test_what_was_seen_a_moment_ago_may_look_more_unlike(scene):
     limit = unlikeness(codes, scene.tracks)[0, 2]
     for last_sure, alike in ((100, True), (60, False)):
         scene.tracks[2].last_sure = last_sure
-        assert alike_in_place(codes, scene.tracks, limit / 2, frame_index=101)[0, 2] == alike
+        assert alike_in_place(codes, [None], scene.tracks, limit / 2, frame_index=101)[0, 2] == alike
 
 
-def test_descriptor_stays_of_unit_length_and_learns(scene):
-    track = scene.tracks[0]
-    other = view_of([make_thing(9, False, np.zeros(3), np.random.default_rng(5))]).codes[0]
+def test_poor_view_that_looks_far_more_like_its_rival_is_not_what_stood_there_long_ago(scene):
+    own, rival = scene.tracks[0], scene.tracks[2]
+    own.object_id, rival.object_id = 4, 7
+    code = view_of(scene.things).codes[0]
+    seen = replace(code, descriptor=rival.descriptor, sigmas=np.full(6, 0.05))
+
+    def is_alike(rivals):
+        return alike_in_place([seen], rivals, [own], max_unlikeness=100.0, frame_index=100)[0, 0]
+
+    assert 1.0 - own.descriptor @ rival.descriptor > 0.1
+    assert is_alike([None])
+    assert not is_alike([rival])
+    own.last_sure = 90
+    assert is_alike([rival])
+    own.last_sure, rival.object_id = 0, 4
+    assert is_alike([rival])
+
+
+def test_view_that_looks_like_both_is_no_rival(scene):
+    own, rival = scene.tracks[0], scene.tracks[2]
+    own.object_id, rival.object_id = 4, 7
+    between = own.descriptor + rival.descriptor
+    seen = replace(view_of(scene.things).codes[0], descriptor=between / np.linalg.norm(between))
+    assert not rather_rivals([seen], [rival], [own])[0, 0]
+
+
+def test_rivals_are_the_most_alike_of_the_map_that_were_not_seen_a_moment_ago(scene):
+    codes, library, known = view_of(scene.things).codes, ObjectLibrary(), scene.tracks[0]
+    tracks = [library.add(code, known.place, known.last, np.zeros(2), 0) for code in codes]
+    assert library.rivals(codes, 0.95, 100) == (None,) * len(codes)
+    for track in tracks:
+        library.confirm(track)
+    assert library.rivals(codes, 0.95, 100) == tuple(tracks)
+    tracks[1].last_sure = 90
+    assert library.rivals(codes, 0.95, 100)[1] is not tracks[1]
+    tracks[2].retired = True
+    assert library.rivals(codes, 0.95, 100)[2] is tracks[2]
+
+
+def test_descriptor_of_a_poor_first_view_stays_of_unit_length_and_learns(scene):
+    poor = replace(view_of(scene.things).codes[0], sigmas=np.full(6, 0.05))
+    known = scene.tracks[0]
+    track = ObjectLibrary().add(poor, known.place, known.last, np.zeros(2), 0)
+    clear = view_of([make_thing(9, False, np.zeros(3), np.random.default_rng(5))]).codes[0]
     likeness = []
-    for frame_index in range(100):
-        track.see(other, track.place, track.last, np.ones(2), frame_index)
-        likeness.append(track.descriptor @ other.descriptor)
+    for frame_index in range(1, 50):
+        track.see(clear, track.place, track.last, np.ones(2), frame_index)
+        likeness.append(track.descriptor @ clear.descriptor)
     assert np.linalg.norm(track.descriptor) == pytest.approx(1.0)
     assert (np.diff(likeness) > 0.0).all()
-    assert likeness[-1] > 0.9
+    assert likeness[-1] > 0.95
 
 
 def test_poor_views_of_another_object_hardly_change_what_a_track_looks_like(scene):
