@@ -17,6 +17,7 @@ from neuse.slam.smoother import SolverParams
 from neuse.slam.track import Track, heights_of, orthonormal_places, places_of, sigmas_of
 
 RECENT = 20  # keyframes whose poses are read after every solution
+SAMPLES, NOTICEABLE_M = 32, 0.005  # keyframes of all times that are looked at, and what they may move, metres
 KNOWN_SIGMAS = np.array([0.05, 0.05, 0.15, 0.01, 0.01, 0.01])  # of places in a map made by others
 
 
@@ -47,11 +48,14 @@ class Backend(Protocol):
     def ids(self) -> np.ndarray:
         """(n,) keyframes in the graph, ascending."""
 
-    def solve(self, loop_closed: bool) -> Array:
+    def solve(self) -> Array:
         """(n, 4, 4) T_map_camera of the keyframes in the graph after everything new is taken in.
 
-        Unless a loop was closed, those long past may be as they were; see `latest_poses`.
+        Those long past may be as they were; see `has_moved` and `latest_poses`.
         """
+
+    def has_moved(self) -> bool:
+        """Whether keyframes long past may have moved noticeably since their poses were read."""
 
     def latest_poses(self) -> Array:
         """(n, 4, 4) T_map_camera of the keyframes in the graph by the last solution."""
@@ -92,10 +96,12 @@ class BaseBackend:
     def ids(self) -> np.ndarray:
         return self.graph.ids
 
-    def solve(self, loop_closed: bool) -> Array:
+    def solve(self) -> Array:
         self.graph.solve()
-        self.poses = self.graph.poses()
-        return self.poses
+        return self.latest_poses()
+
+    def has_moved(self) -> bool:
+        return True
 
     def latest_poses(self) -> Array:
         self.poses = self.graph.poses()
@@ -195,13 +201,18 @@ class LandmarkBackend(BaseBackend):
             for part in range(n_points(frames, i)):
                 self.graph.add_known_point(3 * track.key + part, points[part], covariances[part])
 
-    def solve(self, loop_closed: bool) -> Array:
-        if loop_closed:
-            return super().solve(loop_closed)
+    def solve(self) -> Array:
         self.graph.solve()
         first = max(len(self.poses) - RECENT, 0)
         self.poses = np.concatenate([self.poses[:first], self.graph.poses(first)])
         return self.poses
+
+    def has_moved(self) -> bool:
+        """By a few that are spread evenly: of each, the place of what lies a metre ahead of the camera."""
+        few = np.unique(np.linspace(0, len(self.poses) - 1, SAMPLES).astype(np.intp))
+        now = np.array([self.graph.pose(keyframe_id) for keyframe_id in self.ids[few].tolist()])
+        moved = (now - self.poses[few])[:, :3, 2:].sum(axis=2)
+        return bool((np.linalg.norm(moved, axis=1) > NOTICEABLE_M).any())
 
     def place_all(self, tracks: Iterable[Track]) -> None:
         tracks = list(tracks)

@@ -93,11 +93,18 @@ class KeyframeGraph:
         """Edges of an external SLAM between our keyframes."""
         self._backend.add_external(edges)
 
-    def solve(self, loop_closed: bool) -> None:
-        """Take in everything new; unless a loop was closed, keyframes long past may stay as they were."""
-        self._place(self._backend.solve(loop_closed), is_latest=loop_closed)
-        first_moved = 0 if loop_closed else max(len(self.library.records) - RECENT, 0)
+    def solve(self, loop_closed: bool) -> bool:
+        """Take in everything new; whether all keyframes have been given new places, as far as they moved.
+
+        Unless a loop was closed, and that has moved them, keyframes long past stay as they were.
+        """
+        self._place(self._backend.solve(), is_latest=False)
+        moved = loop_closed and self._backend.has_moved()
+        if moved:
+            self._read_all()
+        first_moved = 0 if moved else max(len(self.library.records) - RECENT, 0)
         self._first_moved = min(self._first_moved, first_moved)
+        return moved
 
     def _place(self, T_map_camera: Array, is_latest: bool) -> None:
         self.library.place(self._backend.ids, T_map_camera)

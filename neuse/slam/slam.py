@@ -243,9 +243,9 @@ class ObjectSlam:
 
     def _solve(self, loop_closed: bool) -> None:
         T_last_camera = self._graph.relative_to_last(self._tracker.belief.T_map_camera)
-        self._graph.solve(loop_closed)
+        moved = self._graph.solve(loop_closed)
         library, last = self._tracker.library, self._graph.library.records[-1]
-        most = len(library.tracks) if loop_closed else PLACES_AT_ONCE
+        most = len(library.tracks) if moved else PLACES_AT_ONCE
         self._graph.place(library.by_turns(last.keys.tolist(), most))
         T_map_camera = self._graph.library.T_map_camera[-1] @ T_last_camera
         self._predictor.correct(self._tracker.belief.T_map_camera, T_map_camera)

@@ -64,7 +64,7 @@ def run(backend, scene, edges_of, wrong=0.02, record_of=record):
         seen = record_of(scene, i)
         backend.add_keyframe(seen, start, edges_of(i) if i else [], [])
         backend.add_sightings(seen, scene.tracks)
-        poses = backend.solve(loop_closed=False)
+        poses = backend.solve()
         backend.place_all(scene.tracks)
     return poses
 
@@ -86,7 +86,7 @@ def test_smooth_motion_outweighs_odometry_where_nothing_is_seen(acceleration_mps
             T_map_camera.append(backend.poses[-1] @ T)
         nothing = KeyframeRecord(i, i * PERIOD_NS, np.zeros(0, dtype=int), reduce_codes([]), None)
         backend.add_keyframe(nothing, T_map_camera[-1], edges, [])
-        backend.solve(loop_closed=False)
+        backend.solve()
     jerks_m = np.diff(backend.latest_poses()[:, :3, 3], n=2, axis=0)
     assert (np.abs(jerks_m).max() < 0.03) == is_smooth
 
@@ -99,14 +99,28 @@ def test_landmarks_correct_odometry(scene):
         assert track.anchored
 
 
-def test_poses_long_past_are_read_when_asked_for_or_when_a_loop_closes(scene, monkeypatch):
+def test_poses_long_past_are_read_when_asked_for(scene, monkeypatch):
     monkeypatch.setattr("neuse.slam.backends.RECENT", 2)
     backend = LandmarkBackend(SolverParams())
     poses = run(backend, scene, lambda i: [odometry(i)])
     latest = backend.latest_poses()
     np.testing.assert_array_equal(poses[-2:], latest[-2:])
     assert 0.0 < np.abs(poses[:-2] - latest[:-2]).max() < 0.01
-    np.testing.assert_array_equal(backend.solve(loop_closed=True), backend.latest_poses())
+    np.testing.assert_array_equal(backend.poses, latest)
+
+
+def test_keyframes_long_past_that_move_are_noticed(scene, monkeypatch):
+    monkeypatch.setattr("neuse.slam.backends.RECENT", 2)
+    backend = LandmarkBackend(SolverParams())
+    run(backend, scene, lambda i: [odometry(i)])
+    before = backend.latest_poses()
+    assert not backend.has_moved()
+    T_elsewhere = inverse(POSES[0]) @ POSES[2] @ exp([0.0, 0.0, 0.0, 0.05, 0.0, 0.0])
+    backend.add_external([Edge(0, 2, 0, 2, EdgeKind.EXTERNAL, T_elsewhere, 1e-8 * np.eye(6))])
+    backend.solve()
+    assert backend.has_moved()
+    assert np.linalg.norm(backend.latest_poses()[2, :3, 3] - before[2, :3, 3]) > 0.005
+    assert not backend.has_moved()
 
 
 def test_landmarks_do_not_use_edges_from_codes(scene):
@@ -135,7 +149,7 @@ def test_external_edges_pull(scene):
     run(backend, scene, lambda i: [odometry(i)], wrong=0.0)
     sure = Edge(0, 5, 0, 5, EdgeKind.EXTERNAL, inverse(POSES[0]) @ POSES[5], 1e-8 * np.eye(6))
     backend.add_external([sure])
-    np.testing.assert_allclose(backend.solve(loop_closed=True)[5], POSES[5], atol=2e-3)
+    np.testing.assert_allclose(backend.solve()[5], POSES[5], atol=2e-3)
 
 
 def test_uncertainty_grows_along_odometry(scene):
@@ -179,7 +193,7 @@ def test_hidden_handles_and_bottles_give_no_handle_point(scene):
     hidden = record(scene, 0, HIDDEN)
     backend.add_keyframe(hidden, POSES[0], [], [])
     backend.add_sightings(hidden, scene.tracks)
-    backend.solve(loop_closed=False)
+    backend.solve()
     assert {point % 3 for point in backend.graph.points()} == {0, 1}
 
 
@@ -218,7 +232,7 @@ def test_known_box_is_known_by_its_centre(scene):
     box.last = replace(box.last, frames=renamed(scene, 0).frames[[0]])
     backend.add_keyframe(record(scene, 0), POSES[0], [], [])
     backend.add_known([box])
-    backend.solve(loop_closed=False)
+    backend.solve()
     assert set(backend.graph.points()) == {3 * box.key}
 
 
