@@ -29,7 +29,7 @@ from neuse.embedding.calibration import calibrate
 from neuse.embedding.dataset import ViewSet
 from neuse.embedding.embedding import WEIGHTS, weights_file
 from neuse.embedding.encoder import FrameBlock
-from neuse.embedding.network import save_network
+from neuse.embedding.network import Network, load_network, save_network
 from neuse.embedding.parallel import ALONE, Group, join_group, leave_group
 from neuse.embedding.pictures import save_curves, save_reconstructions
 from neuse.embedding.shards import ShapeSource, ensure_shards
@@ -107,7 +107,7 @@ def _finish(trainer: Trainer, weights: Path) -> None:
     calibrate(trainer.network, trainer.validation_set)
     save_network(trainer.network, weights, trainer.card())
     pictures = weights.with_name(f"{trainer.category}_reconstructions.png")
-    save_reconstructions(trainer.network, trainer.validation_set, pictures)
+    save_reconstructions(load_network(weights), trainer.validation_set, pictures)  # which is not compiled
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -124,8 +124,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 def train(arguments: argparse.Namespace) -> int:
     """Train as the command line asks for."""
     torch.set_num_threads(arguments.threads)
-    if arguments.compile:
-        FrameBlock.forward = torch.compile(FrameBlock.forward)  # type: ignore[method-assign]
     arguments.out.mkdir(parents=True, exist_ok=True)
     weights = arguments.out / f"{arguments.category}.safetensors"
     resumed = arguments.resume and weights.with_suffix(".ckpt").exists()
@@ -137,6 +135,8 @@ def train(arguments: argparse.Namespace) -> int:
         trainer.load_checkpoint(weights.with_suffix(".ckpt"))
     elif arguments.start is not None:
         trainer.start_from(weights_file(arguments.start))
+    if arguments.compile:
+        compile_blocks(trainer.network)
     for stop in (signal.SIGTERM, signal.SIGINT):  # a shell's background processes would ignore SIGINT
         signal.signal(stop, trainer.stop_after_step)
     run(trainer, weights)
@@ -144,6 +144,13 @@ def train(arguments: argparse.Namespace) -> int:
         shutil.copyfile(weights, WEIGHTS / weights.name)
     leave_group(group)
     return 0
+
+
+def compile_blocks(network: Network) -> None:
+    """Compile what most of the time goes into, when it is called first."""
+    for module in network.modules():
+        if isinstance(module, FrameBlock):
+            module.compile()
 
 
 def _source(arguments: argparse.Namespace) -> ShapeSource:

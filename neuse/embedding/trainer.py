@@ -223,7 +223,8 @@ class Trainer:
 
     def card(self) -> dict[str, object]:
         """How the weights came about."""
-        commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True)
+        command = ["git", "-C", str(Path(__file__).parent), "rev-parse", "--short", "HEAD"]
+        commit = subprocess.run(command, capture_output=True, text=True)
         return {
             "recipe": self.params.recipe,
             "category": self.category,
