@@ -1,7 +1,7 @@
 """What a frame adds to the objects that it saw (NeuSE IV-A), and which of them it surely saw."""
 
+from neuse.mapping.judge import Judge
 from neuse.mapping.keyframe_memory import KeyframeMemory, SeenKeyframe
-from neuse.mapping.newcomers import Judge
 from neuse.mapping.object_library import LibraryParams, ObjectLibrary, associated
 from neuse.mapping.object_record import ObjectRecord
 from neuse.mapping.views import make_view

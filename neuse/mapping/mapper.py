@@ -12,9 +12,10 @@ from neuse.mapping.evidence import Evidence
 from neuse.mapping.free_space import FreeSpaceParams
 from neuse.mapping.history import History
 from neuse.mapping.intake import Intake
+from neuse.mapping.judge import Judge, Origin
 from neuse.mapping.keyframe_memory import KeyframeMemory
 from neuse.mapping.map_file import load_map, save_map
-from neuse.mapping.newcomers import Judge, NewcomerParams, Origin
+from neuse.mapping.newcomer import NewcomerParams
 from neuse.mapping.object_graph import LayoutParams
 from neuse.mapping.object_library import LibraryParams, ObjectLibrary
 from neuse.mapping.presence import Presence
