@@ -70,7 +70,7 @@ def associate_frame(
     motion = Motion(T_before_now, np.diag(FRAME_SIGMAS**2))
     located = tracker.locate(view, [Hypothesis.after(tracker.belief, motion)])
     tracks, _ = tracker.update(view, observations, located)
-    tracker.similar_ids(codes)
+    tracker.library.similar_ids(codes, tracker.association.delta_shape)
     return tracks
 
 

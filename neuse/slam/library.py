@@ -144,6 +144,16 @@ class ObjectLibrary:
         best = S.argmax(axis=1).tolist()
         return tuple(unsettled[m] if S[i, m] >= delta_shape else None for i, m in enumerate(best))
 
+    def similar_ids(self, codes: Sequence[Code], delta_shape: float) -> list[tuple[int, ...]]:
+        """For each code the objects of like shape, most similar first; also those that left their place."""
+        known = self.alike(codes, delta_shape)
+        S = similarity(codes, known)
+        order = np.argsort(-S, axis=1, kind="stable")
+        return [
+            tuple(dict.fromkeys(known[m].object_id for m in row if S[i, m] >= delta_shape))
+            for i, row in enumerate(order)
+        ]
+
     def named(self, object_id: int) -> list[Track]:
         """Tracks of one object: the active one and the places where it once was."""
         return [track for track in self.tracks.values() if track.object_id == object_id]

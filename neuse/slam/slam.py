@@ -207,7 +207,7 @@ class ObjectSlam:
     def _tracked(
         self, frame: ObservedFrame, usable: Sequence[int], view: View, tracks: Tracks, fresh: Sequence[Track]
     ) -> tuple[TrackedObservation, ...]:
-        similar = self._tracker.similar_ids(view.codes)
+        similar = self._tracker.library.similar_ids(view.codes, self.params.association.delta_shape)
         tracked = [TrackedObservation(unusable, MatchStatus.TENTATIVE) for unusable in frame.observations]
         for i, track, similar_ids in zip(usable, tracks, similar, strict=True):
             tracked[i] = tracked_observation(frame.observations[i], track, similar_ids, fresh)

@@ -8,7 +8,8 @@ import numpy as np
 
 from neuse.embedding.code import Code
 from neuse.geometry import Array
-from neuse.records import NO_ID, Observation
+from neuse.records import Observation
+from neuse.slam.adoption import adopt
 from neuse.slam.association import Association, AssociationParams, associate
 from neuse.slam.completion import complete
 from neuse.slam.displacement import DisplacementWatch
@@ -23,7 +24,7 @@ from neuse.slam.instantiation import (
     may_be_known,
 )
 from neuse.slam.layout import View
-from neuse.slam.library import ObjectLibrary, rather_rivals, similarity, unlikeness
+from neuse.slam.library import ObjectLibrary, rather_rivals, unlikeness
 from neuse.slam.localization import Belief, localize, to_map
 from neuse.slam.nearest import associate_nearest
 from neuse.slam.odometry import Motion
@@ -140,25 +141,7 @@ class ObjectTracker:
 
         matches: {track key: object id} of tracks of its own that are such objects.
         """
-        here = {track.object_id for track in self.library.active()}
-        own = {object_id: self.library.tracks[key] for key, object_id in matches.items()}
-        adopted = []
-        for i, (object_id, code) in enumerate(prior.codes.items()):
-            if object_id in own:
-                track = own[object_id]
-                track.object_id, track.confirmed = object_id, True
-                adopted.append(track)
-            elif object_id not in here and not self._follows(code):
-                frames = prior.frames[[i]]
-                last = LastSighting(frames, code.center, np.eye(4))
-                adopted.append(self.library.adopt(object_id, code, frames.vectors[:, 0], last, self._drift))
-        return adopted
-
-    def _follows(self, code: Code) -> bool:
-        """Whether one of its own objects, under another name, is the one with this code in the map."""
-        near = self.library.table.near(code.center, self.association.delta_prox_m)
-        rivals = [track for track in self.library.table.at(near) if track.object_id != NO_ID]
-        return bool((similarity([code], rivals) >= self.association.delta_shape).any())
+        return adopt(prior, matches, self.library, self._drift, self.association)
 
     def enter_graph(self, seen: Sequence[Track]) -> list[Track]:
         """Those tracks of a keyframe that have now been seen often enough to constrain keyframes."""
@@ -171,16 +154,6 @@ class ObjectTracker:
     def rivals(self, some: Sequence[Code | Track]) -> tuple[Track | None, ...]:
         """Of each the known object, if any, that it is if it is not the one in whose place it is."""
         return self.library.rivals(some, self.association.delta_shape, self._frame_index)
-
-    def similar_ids(self, codes: Sequence[Code]) -> list[tuple[int, ...]]:
-        """For each code the objects of like shape, most similar first; also those that left their place."""
-        known = self.library.alike(codes, self.association.delta_shape)
-        S = similarity(codes, known)
-        order = np.argsort(-S, axis=1, kind="stable")
-        return [
-            tuple(dict.fromkeys(known[m].object_id for m in row if S[i, m] >= self.association.delta_shape))
-            for i, row in enumerate(order)
-        ]
 
     def _associate(self, view: View, hypothesis: Hypothesis) -> Association:
         prediction, motion = hypothesis

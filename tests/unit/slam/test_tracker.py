@@ -117,8 +117,10 @@ def test_similar_ids_are_sorted_and_include_places_left(tracker, things):
     for _ in range(3):
         observe(tracker, [things[0], twin])
     tracker.library.tracks[0].retired = True
-    assert tracker.similar_ids(view_of([things[0]]).codes) == [(0, 1)]
-    assert tracker.similar_ids(view_of([things[1]]).codes) == [()]
+    assert tracker.library.similar_ids(view_of([things[0]]).codes, tracker.association.delta_shape) == [
+        (0, 1)
+    ]
+    assert tracker.library.similar_ids(view_of([things[1]]).codes, tracker.association.delta_shape) == [()]
 
 
 def test_correction_moves_the_belief_only(tracker):
