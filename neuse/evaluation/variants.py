@@ -10,8 +10,10 @@ PAPER = CODES_ALONE | {
     "slam.mode": "edges",
     "slam.odometry.use": "blind",
     "slam.odometry.adapt": False,
-    "slam.edges.max_closure_sigma_rad": 0.04,  # here closures hold the graph; elsewhere they are only told
-    "slam.edges.max_closure_sigma_m": 0.03,
+    "slam.edges.max_closure_sigma_rad": 0.1,  # here closures hold the graph; elsewhere they are only told
+    "slam.edges.max_closure_sigma_m": 0.1,
+    "slam.edges.closure_spacing": 3,
+    "slam.edges.max_closures": 10,
 }
 MUGS = {"slam.use_ambiguous": False}
 NEVER_S = 1e9
