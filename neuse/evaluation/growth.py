@@ -14,7 +14,6 @@ from neuse.evaluation.timing import WARM_UP, Times, TwoClocks, timed
 from neuse.geometry import Array, inverse
 from neuse.records import ObservedFrame
 from neuse.slam.hypotheses import Hypothesis
-from neuse.slam.layout import View
 from neuse.slam.localization import Belief
 from neuse.slam.object_frames import reduce_codes
 from neuse.slam.odometry import Motion
@@ -66,7 +65,7 @@ def associate_frame(
     observations = observed.observations
     codes = tuple(observation.code for observation in observations)
     centers = np.array([observation.partial_center for observation in observations])
-    view = View(codes, reduce_codes(codes), centers, tracker.rivals(codes))
+    view = tracker.view(codes, reduce_codes(codes), centers)
     motion = Motion(T_before_now, np.diag(FRAME_SIGMAS**2))
     located = tracker.locate(view, [Hypothesis.after(tracker.belief, motion)])
     tracks, _ = tracker.update(view, observations, located)

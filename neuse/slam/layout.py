@@ -14,12 +14,14 @@ from neuse.slam.track import Track
 class View:
     """The usable observations of one frame, reduced.
 
+    alike: objects of the map that may be alike in shape to one of these, wherever they stand or stood.
     rivals: of each the known object, if any, that it is if it is not the one whose place it is in.
     """
 
     codes: tuple[Code, ...]
     frames: ObjectFrames
     partial_centers: Array
+    alike: tuple[Track, ...]
     rivals: tuple[Track | None, ...]
 
     def __len__(self) -> int:

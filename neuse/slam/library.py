@@ -107,9 +107,11 @@ class ObjectLibrary:
         reach_m = radius_m + float(np.linalg.norm(points - center, axis=1).max())
         return self.table.near(center, reach_m)
 
-    def most_alike(self, codes: Sequence[Code], delta_shape: float, most: int) -> np.ndarray:
-        """(m,) mask of the table: active objects of the map alike in shape, not more than `most` a code."""
-        tracks = [track for track in self.alike(codes, delta_shape) if not track.retired]
+    def most_alike(
+        self, codes: Sequence[Code], alike: Sequence[Track], delta_shape: float, most: int
+    ) -> np.ndarray:
+        """(m,) mask of the table: active ones of those that may be alike, not more than `most` a code."""
+        tracks = [track for track in alike if not track.retired]
         similarities = similarity(codes, tracks)
         chosen = np.zeros(len(self.table), dtype=bool)
         for shapes in similarities:
@@ -133,11 +135,10 @@ class ObjectLibrary:
         return self.table.at(may_be & self.table["confirmed"])
 
     def rivals(
-        self, some: Sequence[Code | Track], delta_shape: float, frame_index: int
+        self, some: Sequence[Code | Track], alike: Sequence[Track], delta_shape: float, frame_index: int
     ) -> tuple[Track | None, ...]:
-        """The object of the map that each is most alike to, among those not seen for sure a moment ago."""
-        known = self.alike(some, delta_shape)
-        unsettled = [track for track in known if frame_index - track.last_sure > RECENT_FRAMES]
+        """That which each is most alike to of those that may be, but for those seen for sure a moment ago."""
+        unsettled = [track for track in alike if frame_index - track.last_sure > RECENT_FRAMES]
         if not unsettled:
             return (None,) * len(some)
         S = similarity(some, unsettled)

@@ -35,6 +35,7 @@ class PoseGraph:
         self.params = params or SolverParams()
         self._smoother = Smoother(self.params)
         self._ids: list[int] = []
+        self._id_array: np.ndarray | None = None
         self._points: dict[int, int] = {}  # gtsam's keys
         self._moving: set[int] = set()  # keyframes with a velocity
         self._poses: Array | None = None  # of the last solution, once all were asked for
@@ -66,6 +67,7 @@ class PoseGraph:
     def add_pose(self, keyframe_id: int, T_map_camera: Array) -> None:
         """A new keyframe with its start value; ids ascend."""
         self._ids.append(keyframe_id)
+        self._id_array = None
         self._smoother.insert(pose_key(keyframe_id), gtsam.Pose3(renormalized(T_map_camera)))
 
     def add_edge(self, edge: Edge, robust: bool = True) -> None:
@@ -107,6 +109,7 @@ class PoseGraph:
     def remove(self, keyframe_id: int) -> None:
         """A solved keyframe goes with the next solution, and with it all that was said of it."""
         self._ids.remove(keyframe_id)
+        self._id_array = None
         self._smoother.remove([pose_key(keyframe_id), velocity_key(keyframe_id), bias_key(keyframe_id)])
         self._moving.discard(keyframe_id)
 
@@ -122,7 +125,9 @@ class PoseGraph:
     @property
     def ids(self) -> np.ndarray:
         """(n,) keyframe ids, ascending."""
-        return np.array(self._ids, dtype=np.intp)
+        if self._id_array is None:
+            self._id_array = np.array(self._ids, dtype=np.intp)
+        return self._id_array
 
     def poses(self, first: int = 0) -> Array:
         """(n, 4, 4) T_map_camera in the order of `ids`, from the `first` so many on."""

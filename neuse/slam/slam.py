@@ -202,7 +202,7 @@ class ObjectSlam:
             -1, 3
         )
         frames = reduce_codes(codes, self.params.sigmas)
-        return View(codes, frames, partial_centers, self._tracker.rivals(codes))
+        return self._tracker.view(codes, frames, partial_centers)
 
     def _tracked(
         self, frame: ObservedFrame, usable: Sequence[int], view: View, tracks: Tracks, fresh: Sequence[Track]

@@ -27,6 +27,7 @@ from neuse.slam.layout import View
 from neuse.slam.library import ObjectLibrary, rather_rivals, unlikeness
 from neuse.slam.localization import Belief, localize, to_map
 from neuse.slam.nearest import associate_nearest
+from neuse.slam.object_frames import ObjectFrames
 from neuse.slam.odometry import Motion
 from neuse.slam.prior_map import PriorMap
 from neuse.slam.track import LastSighting, Track, heights_of, places_of
@@ -68,6 +69,11 @@ class ObjectTracker:
         self.belief = Belief(np.eye(4), START_VARIANCE * np.eye(6))
         self._drift = np.zeros(2)
         self._frame_index = 0
+
+    def view(self, codes: Sequence[Code], frames: ObjectFrames, partial_centers: Array) -> View:
+        """The usable observations of the next frame."""
+        alike, rivals = self._rivals(codes)
+        return View(tuple(codes), frames, partial_centers, tuple(alike), rivals)
 
     def locate(self, view: View, hypotheses: Sequence[Hypothesis]) -> Located:
         """Associate the view and find the camera's pose (NeuSE IV-A, B).
@@ -151,9 +157,11 @@ class ObjectTracker:
             track.in_graph = True
         return due
 
-    def rivals(self, some: Sequence[Code | Track]) -> tuple[Track | None, ...]:
-        """Of each the known object, if any, that it is if it is not the one in whose place it is."""
-        return self.library.rivals(some, self.association.delta_shape, self._frame_index)
+    def _rivals(self, some: Sequence[Code | Track]) -> tuple[list[Track], tuple[Track | None, ...]]:
+        """All that may be alike in shape, and of each what it is if not the one in whose place it is."""
+        delta_shape = self.association.delta_shape
+        alike = self.library.alike(some, delta_shape)
+        return alike, self.library.rivals(some, alike, delta_shape, self._frame_index)
 
     def _associate(self, view: View, hypothesis: Hypothesis) -> Association:
         prediction, motion = hypothesis
@@ -177,7 +185,8 @@ class ObjectTracker:
         points = to_map(T_map_camera, view.frames.vectors)[0]
         chosen = library.around(points, params.max_gate_m)
         if matched is None:
-            chosen |= library.most_alike(view.codes, params.delta_shape, params.max_candidates + len(view))
+            most = params.max_candidates + len(view)
+            chosen |= library.most_alike(view.codes, view.alike, params.delta_shape, most)
         else:
             chosen[library.table.index(track for track in matched if track is not None)] = True
         return library.table.at(chosen)
@@ -206,7 +215,7 @@ class ObjectTracker:
             near = is_object & table.near(track.place[0], known_gates_m(drifts, delta_prox_m))
             known = table.at(near)
             alike = unlikeness([track], known)[0] <= self.association.max_unlikeness
-            alike &= ~rather_rivals([track], self.rivals([track]), known)[0]
+            alike &= ~rather_rivals([track], self._rivals([track])[1], known)[0]
             doubtful = may_be_known(track, alike, known, drifts[near], matched, delta_prox_m)
             if is_due(track, doubtful, self.instantiation):
                 self.library.confirm(track)

@@ -42,7 +42,7 @@ def view_of(things, T_map_camera: Array | None = None) -> View:
     T_camera_map = np.eye(4) if T_map_camera is None else inverse(T_map_camera)
     codes = tuple(make_code(thing, T_camera_map @ thing.T_world_object, SIGMAS) for thing in things)
     centers = np.array([code.center for code in codes]).reshape(-1, 3)
-    return View(codes, reduce_codes(codes), centers, (None,) * len(codes))
+    return View(codes, reduce_codes(codes), centers, (), (None,) * len(codes))
 
 
 def scene_of(things) -> Scene:

@@ -35,7 +35,7 @@ def other(scene):
 def clear_view_of(things):
     view = view_of(things)
     codes = tuple(replace(code, sigmas=np.full(6, 0.001)) for code in view.codes)
-    return View(codes, view.frames, view.partial_centers, view.rivals)
+    return View(codes, view.frames, view.partial_centers, (), view.rivals)
 
 
 def look(watch, scene, view, matched=(None,), frame_index=0):
@@ -58,7 +58,7 @@ def test_poor_views_contradict_nothing(watch, scene, other):
     view = clear_view_of([other])
     poor = replace(view.codes[0], sigmas=np.full(6, 0.01))
     for _ in range(5):
-        assert look(watch, scene, View((poor,), view.frames, view.partial_centers, view.rivals)) == []
+        assert look(watch, scene, View((poor,), view.frames, view.partial_centers, (), view.rivals)) == []
 
 
 def test_another_shape_beside_the_place_displaces_nothing(watch, scene, other):

@@ -153,14 +153,18 @@ def test_view_that_looks_like_both_is_no_rival(scene):
 def test_rivals_are_the_most_alike_of_the_map_that_were_not_seen_a_moment_ago(scene):
     codes, library, known = view_of(scene.things).codes, ObjectLibrary(), scene.tracks[0]
     tracks = [library.add(code, known.place, known.last, np.zeros(2), 0) for code in codes]
-    assert library.rivals(codes, 0.95, 100) == (None,) * len(codes)
+
+    def rivals():
+        return library.rivals(codes, library.alike(codes, 0.95), 0.95, 100)
+
+    assert rivals() == (None,) * len(codes)
     for track in tracks:
         library.confirm(track)
-    assert library.rivals(codes, 0.95, 100) == tuple(tracks)
+    assert rivals() == tuple(tracks)
     tracks[1].last_sure = 90
-    assert library.rivals(codes, 0.95, 100)[1] is not tracks[1]
+    assert rivals()[1] is not tracks[1]
     tracks[2].retired = True
-    assert library.rivals(codes, 0.95, 100)[2] is tracks[2]
+    assert rivals()[2] is tracks[2]
 
 
 def test_descriptor_of_a_poor_first_view_stays_of_unit_length_and_learns(scene):

@@ -89,9 +89,9 @@ def test_most_alike_objects_are_as_many_as_asked_for(library):
     codes = view_of([make_thing(5, True, np.ones(3), np.random.default_rng(5), alike=0.7)]).codes
     shapes = similarity(codes, list(library.tracks.values()))[0]
     best = sorted(np.argsort(-shapes)[:4].tolist())
-    assert keys(library.table.at(library.most_alike(codes, -0.5, 4))) == best
+    assert keys(library.table.at(library.most_alike(codes, library.alike(codes, -0.5), -0.5, 4))) == best
     track.confirmed = False
-    assert not library.most_alike([codes[0]], -0.5, 40)[1]
+    assert not library.most_alike(codes, library.alike(codes, -0.5), -0.5, 40)[1]
 
 
 def test_tracks_around_are_those_in_reach(library):

@@ -33,7 +33,8 @@ def tracker():
 
 def observe(tracker, things, T_map_camera=None, mask_px=5000, motion=STEP):
     """One frame; returns what was located, the tracks, and the new objects."""
-    view = view_of(things, T_map_camera)
+    seen = view_of(things, T_map_camera)
+    view = tracker.view(seen.codes, seen.frames, seen.partial_centers)
     located = tracker.locate(view, [Hypothesis.after(tracker.belief, motion)])
     empty = np.zeros((0, 3), np.float32)
     observations = [
