@@ -212,12 +212,14 @@ def settled_changes(changes: Iterable[ObjectChange]) -> tuple[ObjectChange, ...]
     settled: list[ObjectChange] = []
     for change in changes:
         if change.kind == ChangeKind.MOVED:
-            settled = [earlier for earlier in settled if not _is_half_of(earlier, change)]
+            _take_back(ChangeKind.REMOVED, change.object_id, settled)
+            _take_back(ChangeKind.ADDED, change.merged_id, settled)
         settled.append(change)
     return tuple(settled)
 
 
-def _is_half_of(earlier: ObjectChange, move: ObjectChange) -> bool:
-    went = earlier.kind == ChangeKind.REMOVED and earlier.object_id == move.object_id
-    came = earlier.kind == ChangeKind.ADDED and earlier.object_id == move.merged_id
-    return went or came
+def _take_back(kind: ChangeKind, object_id: int, reports: list[ObjectChange]) -> None:
+    """Drop the last report of an object if it is of this kind."""
+    last = next((i for i in reversed(range(len(reports))) if reports[i].object_id == object_id), None)
+    if last is not None and reports[last].kind == kind:
+        del reports[last]

@@ -33,6 +33,7 @@ from neuse.records import (
     ObjectStatus,
     TrackedFrame,
 )
+from neuse.slam.prior_map import in_their_places
 
 
 @dataclass(frozen=True)
@@ -164,15 +165,25 @@ class ObjectMapper:
         self._stamp_ns, self.history = stored.stamp_ns, stored.changes
         restore(stored, self._library, self._memory)
 
+    def is_in(self, object_map: ObjectMap) -> bool:
+        """Whether what is known here stands where that map has it, as far as both know the same objects."""
+        there = {known.object_id: known.code.center for known in object_map.objects}
+        return in_their_places(self.places(), there) is not False
+
     def recall(self, object_map: ObjectMap) -> int:
         """Take over what an earlier mapper of this session knew; how many objects that are new here.
 
         Of objects that are known here again their history is taken over, and their places if they have not
         been seen since this mapper was loaded. A map later than the latest frame is of another session,
-        unless this mapper was loaded with what that one knew once.
+        unless this mapper was loaded with what that one knew once. A session that is not in that map has yet
+        to find its place there: what it has seen so far is forgotten.
         """
         if object_map.stamp_ns > self._stamp_ns and not self._library.is_earlier_than(object_map):
             return 0
+        if not self.is_in(object_map):
+            stamp_ns = self._stamp_ns
+            self.reset()
+            self._stamp_ns = stamp_ns
         recalled = [self._library.recall(known, self._memory.poses) for known in object_map.objects]
         known_ids = {self._library.resolve(known.object_id) for known in object_map.objects}
         self._newcomers -= known_ids

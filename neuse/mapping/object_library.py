@@ -88,6 +88,7 @@ class ObjectLibrary:
         """The newcomer is this object at a new place: it takes over the newcomer's views there."""
         moved, newcomer = self.records[object_id], self.records[newcomer_id]
         self.left.append(replace(moved))
+        self.aliases = {i: kept for i, kept in self.aliases.items() if self.resolve(i) != object_id}
         self.merge(newcomer_id, object_id)
         moved.views, moved.since_tick = newcomer.views, newcomer.since_tick
         moved.status = ObjectStatus.MOVED

@@ -6,7 +6,9 @@ from neuse.mapping.keyframe_memory import KeyframeMemory, SeenKeyframe
 from neuse.mapping.object_library import ObjectLibrary
 from neuse.mapping.object_record import ObjectRecord
 from neuse.mapping.stored_map import StoredKeyframe, StoredMap, StoredObject
-from neuse.records import NO_ID, ObjectChange, ObjectStatus
+from neuse.records import NO_ID, Intrinsics, ObjectChange, ObjectStatus
+
+_NO_CAMERA = Intrinsics(1, 1, 1.0, 1.0, 0.5, 0.5)
 
 
 def snapshot(
@@ -15,6 +17,8 @@ def snapshot(
     """The map as it is at a step: all objects, and the keyframes that have views of them or depth."""
     in_use = {keyframe_id for record in library for keyframe_id in record.views}
     kept = [k for k in memory.seen.values() if k.depth_mm is not None or k.keyframe_id in in_use]
+    if NO_ID in in_use:  # views in the map itself, of objects told by another map or seen before any keyframe
+        kept.insert(0, SeenKeyframe(NO_ID, 0, kept[0].intrinsics if kept else _NO_CAMERA, None))
     index = {keyframe.keyframe_id: i for i, keyframe in enumerate(kept)}
     keyframes = tuple(
         StoredKeyframe(

@@ -18,6 +18,7 @@ from neuse.slam.track import Track, heights_of, orthonormal_places, places_of, s
 
 RECENT = 20  # keyframes whose poses are read after every solution
 SAMPLES, NOTICEABLE_M = 32, 0.005  # keyframes of all times that are looked at, and what they may move, metres
+N_PARTS = 3  # points of a track
 KNOWN_SIGMAS = np.array([0.05, 0.05, 0.15, 0.01, 0.01, 0.01])  # of places in a map made by others
 
 
@@ -51,7 +52,7 @@ class Backend(Protocol):
     def solve(self) -> Array:
         """(n, 4, 4) T_map_camera of the keyframes in the graph after everything new is taken in.
 
-        Those long past may be as they were; see `has_moved` and `latest_poses`.
+        Those long past may be as they were; see `has_moved` and `read_all`.
         """
 
     def has_moved(self) -> bool:
@@ -59,6 +60,9 @@ class Backend(Protocol):
 
     def latest_poses(self) -> Array:
         """(n, 4, 4) T_map_camera of the keyframes in the graph by the last solution."""
+
+    def read_all(self) -> Array:
+        """`latest_poses`, from which `has_moved` counts from now on."""
 
     def pose(self, keyframe_id: int) -> Array:
         """(4, 4) T_map_camera of a keyframe in the graph by the last solution."""
@@ -98,12 +102,15 @@ class BaseBackend:
 
     def solve(self) -> Array:
         self.graph.solve()
-        return self.latest_poses()
+        return self.read_all()
 
     def has_moved(self) -> bool:
         return True
 
     def latest_poses(self) -> Array:
+        return self.graph.poses()
+
+    def read_all(self) -> Array:
         self.poses = self.graph.poses()
         return self.poses
 
@@ -165,8 +172,10 @@ class LandmarkBackend(BaseBackend):
             starts = center + half, center - half, center + LEVER_M * handle
             for part in range(n_points(record.frames, i)):
                 seen = points[part], covariances[part], starts[part]
-                self.graph.add_sighting(record.keyframe_id, 3 * track.key + part, *seen, loose=part == HANDLE)
-                self._seen[record.keyframe_id].add(3 * track.key + part)
+                self.graph.add_sighting(
+                    record.keyframe_id, point_id(track, part), *seen, loose=part == HANDLE
+                )
+                self._seen[record.keyframe_id].add(point_id(track, part))
 
     def add_refined(self, edges: Sequence[Edge]) -> None:
         super().add_refined(edges)
@@ -199,7 +208,7 @@ class LandmarkBackend(BaseBackend):
         for i, track in enumerate(tracks):
             points, covariances = landmark_points(frames, i)
             for part in range(n_points(frames, i)):
-                self.graph.add_known_point(3 * track.key + part, points[part], covariances[part])
+                self.graph.add_known_point(point_id(track, part), points[part], covariances[part])
 
     def solve(self) -> Array:
         self.graph.solve()
@@ -216,18 +225,30 @@ class LandmarkBackend(BaseBackend):
 
     def place_all(self, tracks: Iterable[Track]) -> None:
         tracks = list(tracks)
-        points = self.graph.points(3 * track.key + part for track in tracks for part in (TOP, BOTTOM, HANDLE))
-        known = [track for track in tracks if 3 * track.key + TOP in points]
+        points = self.graph.points(
+            point_id(track, part) for track in tracks for part in (TOP, BOTTOM, HANDLE)
+        )
+        known = [track for track in tracks if point_id(track, TOP) in points]
         if not known:
             return
         for track, place in zip(known, orthonormal_places(_placed(known, points)), strict=True):
             track.anchored, track.place = True, place
 
 
+def point_id(track: Track, part: int) -> int:
+    """Name of a landmark point of the graph: top, bottom or handle of a track."""
+    return N_PARTS * track.key + part
+
+
+def track_key(point: int) -> int:
+    """The track whose point this is."""
+    return point // N_PARTS
+
+
 def _placed(tracks: Sequence[Track], points: Mapping[int, Array]) -> Array:
     """(n, 3, 3) centre, axis and handle of tracks, not yet of unit length; what no point tells stays."""
     unknown = np.full(3, np.nan)
-    parts = [points.get(3 * track.key + part, unknown) for track in tracks for part in (TOP, BOTTOM, HANDLE)]
+    parts = [points.get(point_id(track, part), unknown) for track in tracks for part in (TOP, BOTTOM, HANDLE)]
     top, bottom, handle = np.array(parts).reshape(-1, 3, 3).swapaxes(0, 1)
     center = np.where(np.isnan(bottom), top, (top + bottom) / 2)
     told = np.stack([center, top - bottom, handle - center], axis=1)

@@ -27,7 +27,7 @@ class JoiningParams(CheckedParams):
     max_held_frames: int = param(
         MAX_HELD_FRAMES,
         "frames that are held back until the map is joined; beyond it the oldest goes",
-        1,
+        2,
         1000000,
     )
     session: int = param(0, "number of this session among those that share one mapper", 0, 1000)
@@ -46,7 +46,7 @@ class Joiner:
         self._slam = slam
         self._relocalizer = Relocalizer(self.params.relocalization)
         self._prior: PriorMap | None = None
-        self._held: deque[TrackedFrame] = deque(maxlen=self.params.max_held_frames)
+        self._held: deque[TrackedFrame] = deque()
         self.begin()
 
     @property
@@ -67,11 +67,11 @@ class Joiner:
 
         A session that is in the map already learns what is new in it.
         """
-        self._prior = prior if len(prior) else None
+        before, self._prior = self._prior, prior if len(prior) else None
         if not self.is_waiting and (self._prior is None or self._is_inside(prior)):
             self._slam.learn(prior)
             return False
-        if self.is_waiting and self._prior is not None and self._slam.places().keys().isdisjoint(prior.codes):
+        if self.is_waiting and self._prior is not None and _is_same_map(before, prior):
             return False
         self.begin()
         return True
@@ -80,7 +80,7 @@ class Joiner:
         """Take in the frame that SLAM has just made; the frames that may go out now, in order."""
         if not self.is_waiting:
             return [frame]
-        self._held.append(frame)
+        self._hold(frame)
         if self._prior is None:
             return []
         params = self.params.relocalization
@@ -88,6 +88,7 @@ class Joiner:
         place = self._relocalizer.look(tracks, self._prior, frame.T_map_camera)
         if place is None:
             return []
+        self._count_ids(max((self._prior.next_id, *(name + 1 for name in self._slam.places()))))
         renamed = self._slam.join(self._prior, place)
         self.is_waiting = False
         T_map_camera = dict(self._slam.trajectory())
@@ -95,15 +96,26 @@ class Joiner:
         self._held.clear()
         return [*out[:-1], replace(out[-1], loop_closed=True)]
 
+    def _hold(self, frame: TrackedFrame) -> None:
+        """Beyond the limit the oldest goes, but for the very first, which tells that a session begins."""
+        self._held.append(frame)
+        if len(self._held) > self.params.max_held_frames:
+            del self._held[1]
+
     def _is_inside(self, prior: PriorMap) -> bool:
         """Whether the session's objects are those of the map."""
-        return bool(in_their_places(self._slam.places(), dict(zip(prior.ids, prior.centers, strict=True))))
+        return bool(in_their_places(self._slam.places(), prior.places))
 
     def _count_ids(self, used: int) -> None:
         """Names that no object of the map and no other session has."""
         params = self.params
         first = used + (params.session - used) % params.sessions
         self._slam.count_ids(first, params.sessions)
+
+
+def _is_same_map(before: PriorMap | None, now: PriorMap) -> bool:
+    """Whether a map is that waited for before, if any, but for what it has got to know since."""
+    return before is None or in_their_places(before.places, now.places) is not False
 
 
 def moved(frame: TrackedFrame, T_map_camera: Array, renamed: Mapping[int, int]) -> TrackedFrame:

@@ -7,7 +7,7 @@ import numpy as np
 
 from neuse.geometry import Array, adjoint, inverse
 from neuse.records import Edge, Keyframe
-from neuse.slam.backends import RECENT, Backend, LandmarkBackend
+from neuse.slam.backends import RECENT, Backend, LandmarkBackend, track_key
 from neuse.slam.edge_backend import EdgeBackend
 from neuse.slam.edges import EdgeBuilder
 from neuse.slam.keyframes import KeyframeLibrary, KeyframeRecord
@@ -35,7 +35,7 @@ class KeyframeGraph:
         keyframes, edges, refinement = params.keyframes, params.edges, params.refinement
         self.library = KeyframeLibrary(keyframes)
         self._edges, self._refiner, self._backend = EdgeBuilder(edges), Refiner(refinement), _backend(params)
-        self._reach = max(edges.window, refinement.lags)
+        self._reach = max(edges.window, refinement.lags + 1)  # of ties to come
         self._window = edges.window
         self._first_moved = 0
         self._thinning = Thinning(keyframes.near_m, keyframes.views)
@@ -98,7 +98,7 @@ class KeyframeGraph:
 
         Unless a loop was closed, and that has moved them, keyframes long past stay as they were.
         """
-        self._place(self._backend.solve(), is_latest=False)
+        self.library.place(self._backend.ids, self._backend.solve())
         moved = loop_closed and self._backend.has_moved()
         if moved:
             self._read_all()
@@ -106,18 +106,14 @@ class KeyframeGraph:
         self._first_moved = min(self._first_moved, first_moved)
         return moved
 
-    def _place(self, T_map_camera: Array, is_latest: bool) -> None:
-        self.library.place(self._backend.ids, T_map_camera)
-        if is_latest:
-            self.library.follow()
-
     def thin(self, tracks: Mapping[int, Track]) -> None:
         """The keyframe that leaves the window goes with the next solution, unless it has to stay.
 
         One that sees nothing stays: its place is none that others could know, and it costs next to nothing.
         """
         leaving = len(self.library.records) - 1 - self._reach
-        landmarks = self._backend.landmarks_of(leaving) if leaving >= 0 else None
+        seen = self._backend.landmarks_of(leaving) if leaving >= 0 else None
+        landmarks = {point for point in seen or () if track_key(point) in tracks}  # others never come back
         if not landmarks:
             return
         positions = self.library.T_map_camera[:, :3, 3]
@@ -143,6 +139,7 @@ class KeyframeGraph:
         """The session turns out to lie elsewhere, the last keyframe with this covariance (6, 6)."""
         self._read_all()
         A = adjoint(inverse(self.library.T_map_camera[-1]))
+        self._first_moved = 0
         self.library.move(T_map_session)
         self._backend.move(T_map_session, A @ covariance @ A.T + LOOSE_HOLD)
 
@@ -170,8 +167,7 @@ class KeyframeGraph:
 
     def all(self) -> tuple[Keyframe, ...]:
         """All keyframes with their latest estimates."""
-        self._read_all()
-        return _keyframes(self.library.records, self.library.T_map_camera)
+        return _keyframes(self.library.records, self._latest())
 
     def moved(self) -> tuple[Keyframe, ...]:
         """Those that are new or may have moved since this was asked last; all of them after a closure."""
@@ -180,11 +176,15 @@ class KeyframeGraph:
 
     def trajectory(self) -> list[tuple[int, Array]]:
         """(stamp_ns, T_map_camera) of every frame, through its keyframe's latest estimate."""
-        self._read_all()
-        return self.library.trajectory()
+        return self.library.trajectory(self._latest())
+
+    def _latest(self) -> Array:
+        """(n, 4, 4) T_map_camera of all keyframes by the last solution; to ask changes nothing."""
+        return self.library.placed(self._backend.ids, self._backend.latest_poses())
 
     def _read_all(self) -> None:
-        self._place(self._backend.latest_poses(), is_latest=True)
+        ids, T_map_camera = self._backend.ids, self._backend.read_all()
+        self.library.T_map_camera[:] = self.library.placed(ids, T_map_camera)
 
 
 def _keyframes(records: Sequence[KeyframeRecord], T_map_camera: Array) -> tuple[Keyframe, ...]:

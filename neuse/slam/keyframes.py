@@ -81,10 +81,15 @@ class KeyframeLibrary:
         """The map frame becomes another: p_target = T_target_map @ p_map."""
         self.T_map_camera[:] = T_target_map @ self.T_map_camera
 
-    def follow(self) -> None:
-        """Keyframes that have left the graph go where those lead that stand in for them."""
-        T_map_stand_in = self.T_map_camera[self._stand_ins.rows]
-        self.T_map_camera[self._left.rows] = T_map_stand_in @ self._T_stand_in_left.rows
+    def placed(self, ids: np.ndarray, T_map_camera: Array) -> Array:
+        """(n, 4, 4) of all keyframes where those in the graph, `ids` (m,), are at (m, 4, 4).
+
+        Those that have left the graph go where those lead that stand in for them.
+        """
+        T = self.T_map_camera.copy()
+        T[ids] = T_map_camera
+        T[self._left.rows] = T[self._stand_ins.rows] @ self._T_stand_in_left.rows
+        return T
 
     def let_go(self, keyframe_id: int, stand_in: int, T_stand_in_left: Array) -> None:
         """A keyframe has left the graph: p_stand_in = T_stand_in_left @ p_left for ever."""
@@ -107,9 +112,9 @@ class KeyframeLibrary:
         self._holders.append(len(self.records) - 1)
         self._T_keyframe_camera.append(inverse(self.T_map_camera[-1]) @ T_map_camera)
 
-    def trajectory(self) -> list[tuple[int, Array]]:
-        """(stamp_ns, T_map_camera) of every frame by the latest estimates."""
-        T = self.T_map_camera[self._holders.rows] @ self._T_keyframe_camera.rows
+    def trajectory(self, T_map_camera: Array) -> list[tuple[int, Array]]:
+        """(stamp_ns, T_map_camera) of every frame, through poses (n, 4, 4) of the keyframes."""
+        T = T_map_camera[self._holders.rows] @ self._T_keyframe_camera.rows
         return list(zip(self._stamps_ns.rows.tolist(), T, strict=True))
 
     def frame_near(self, stamp_ns: int, tolerance_ns: int) -> FrameRecord | None:

@@ -1,6 +1,6 @@
 """The objects that the tracker knows, tentative and confirmed (NeuSE IV-A: the object library)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import count
 from typing import Protocol
 
@@ -72,6 +72,21 @@ class ObjectLibrary:
         """Give a track a public name, unless it has one."""
         if track.object_id == NO_ID:
             track.object_id = next(self._ids)
+
+    def rename(self, names: Mapping[int, int], next_id: int) -> dict[int, int]:
+        """Give tracks, by their keys, other public names, and new ones to others called less than `next_id`.
+
+        Returns:
+            {name before: name now}.
+        """
+        renamed: dict[int, int] = {self.tracks[key].object_id: name for key, name in names.items()}
+        renamed.pop(NO_ID, None)
+        for track in self.tracks.values():
+            before = track.object_id
+            if NO_ID != before < next_id and before not in renamed:
+                renamed[before] = next(self._ids)
+            track.object_id = names.get(track.key, renamed.get(before, before))
+        return renamed
 
     def adopt(self, object_id: int, code: Code, place: Array, last: LastSighting, drift: Array) -> Track:
         """An object of a map made by others, known as well as one that was seen often and long ago."""

@@ -63,6 +63,11 @@ class PriorMap:
         """(m, 3) centres, metres, frame `map`."""
         return self.frames.centers
 
+    @property
+    def places(self) -> dict[int, Array]:
+        """{object id: (3,) centre, metres, frame `map`}."""
+        return dict(zip(self.ids, self.centers, strict=True))
+
     def neighbours(self, radius_m: float) -> float:
         """How many others there are within a radius of an object, on average."""
         if len(self) < 2:

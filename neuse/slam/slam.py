@@ -115,14 +115,18 @@ class ObjectSlam:
         self._tracker.library.count_ids(first, step)
 
     def join(self, prior: PriorMap, place: Place) -> dict[int, int]:
-        """Go on inside a map made by others; {id before: id in the map} of objects that both have named."""
-        named = {key: self._tracker.library.tracks[key].object_id for key in place.matches}
+        """Go on inside a map made by others; {id before: id now} of objects that are called otherwise.
+
+        Those that both know get the map's names, and others a new one where theirs means, or once meant,
+        something else in the map; see `count_ids`.
+        """
+        renamed = self._tracker.library.rename(place.matches, prior.next_id)
         self._graph.move(place.T_map_session, place.covariance)
         self._predictor.correct(np.eye(4), place.T_map_session)
         self._tracker.move(place.T_map_session)
         self._adopt(prior, place.matches)
         self._solve(loop_closed=True)
-        return {before: place.matches[key] for key, before in named.items() if before != NO_ID}
+        return renamed
 
     def learn(self, prior: PriorMap) -> None:
         """Take over what a map that has been joined has got to know since."""

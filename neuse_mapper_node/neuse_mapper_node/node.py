@@ -121,6 +121,10 @@ class MapperNode(StageNode):
     def _load(self, path: str) -> None:
         """Go on with a saved map; sessions have to find their place in it."""
         self._mapper.load(path)
+        self._let_find_their_places()
+
+    def _let_find_their_places(self) -> None:
+        """The map is not that of the sessions: their frames wait until they have joined it."""
         self._read_all()
         self._sessions.distrust()
 
@@ -173,7 +177,10 @@ class MapperNode(StageNode):
         with self.lock:
             if self._is_original:
                 self._is_original = False
+                is_in = self._mapper.is_in(object_map)
                 recalled = self._mapper.recall(object_map)
+                if recalled and not is_in:
+                    self._let_find_their_places()
                 self.health.tally("recalled_objects", recalled)
                 self._publish_map(self._mapper.sketch)
 

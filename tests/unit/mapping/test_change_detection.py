@@ -255,6 +255,14 @@ def test_move_supersedes_its_halves_and_nothing_else():
     assert settled_changes([*other, *halves, move]) == (*other, move)
 
 
+def test_what_went_and_came_back_before_it_moved_stays_reported():
+    history = [change(ChangeKind.REMOVED, 3), change(ChangeKind.ADDED, 3)]
+    move = change(ChangeKind.MOVED, 3, merged_id=7)
+    assert settled_changes([*history, move]) == (*history, move)
+    again = change(ChangeKind.REMOVED, 3)
+    assert settled_changes([*history, again, move]) == (*history, move)
+
+
 def test_what_comes_after_a_move_is_kept():
     move, later = change(ChangeKind.MOVED, 1, merged_id=2), change(ChangeKind.REMOVED, 1)
     assert settled_changes([move, later]) == (move, later)

@@ -9,7 +9,7 @@ from neuse.errors import InputError, MapFileError, MeshError, ParamError
 from neuse.mapping.change_detection import ChangeParams
 from neuse.mapping.mapper import MapperParams, ObjectMapper
 from neuse.params import build, fields, flatten
-from neuse.records import ChangeKind, ObjectStatus
+from neuse.records import NO_ID, ChangeKind, ObjectStatus
 
 from .synthetic import (
     RECONSTRUCT,
@@ -181,6 +181,53 @@ def test_map_that_is_later_than_this_session_is_not_recalled():
     mapper = ObjectMapper(RECONSTRUCT)
     assert mapper.recall(world.mapper.object_map) == 0
     assert mapper.object_map.objects == ()
+
+
+def test_map_of_another_session_takes_the_place_of_what_was_seen_elsewhere():
+    """A session that was started again, and has not found its place yet, calls objects by any names."""
+    world, stranger = make_world(), make_world()
+    world.tour(orbit(count=12))
+    before = world.mapper.object_map
+    T = geometry.exp([0.0, 0.0, 1.0, 2.0, 0.0, 0.0])
+    for thing in list(stranger.things):
+        stranger.move(thing.name, 0.3 * float(T[0, 3]) - thing.T_world_object[0, 3], 0.0)
+    stranger.tour(orbit(count=12))
+    stranger.wait(60.0)
+    assert not stranger.mapper.is_in(before)
+    assert stranger.mapper.recall(before) == len(before.objects)
+    found = {known.object_id: known for known in stranger.mapper.object_map.objects}
+    assert found.keys() == {known.object_id for known in before.objects}
+    for known in before.objects:
+        np.testing.assert_allclose(found[known.object_id].box_center, known.box_center, atol=0.02)
+
+
+def test_recalled_map_can_be_saved(tmp_path):
+    world = make_world()
+    world.tour(orbit(count=12))
+    before = world.mapper.object_map
+    world.remove("a")
+    world.mapper = ObjectMapper(RECONSTRUCT)
+    world.tour(orbit(count=16)[:3])
+    assert world.mapper.recall(before) > 0
+    world.mapper.save(tmp_path / "room.map")
+    loaded = ObjectMapper(RECONSTRUCT)
+    loaded.load(tmp_path / "room.map")
+    places = loaded.places()
+    assert places.keys() == {known.object_id for known in before.objects}
+    for object_id, center in world.mapper.places().items():
+        np.testing.assert_allclose(places[object_id], center, atol=1e-3)
+
+
+def test_map_that_began_without_a_keyframe_can_be_saved(tmp_path):
+    world = make_world()
+    frames = [world.frame(T_world_camera) for T_world_camera in orbit(count=12)]
+    mapper = ObjectMapper(RECONSTRUCT)
+    mapper.step(replace(frames[-1], keyframe_id=NO_ID))
+    assert mapper.places()
+    mapper.save(tmp_path / "room.map")
+    loaded = ObjectMapper(RECONSTRUCT)
+    loaded.load(tmp_path / "room.map")
+    assert loaded.places().keys() == mapper.places().keys()
 
 
 def test_loop_closure_moves_the_objects_with_their_keyframes():

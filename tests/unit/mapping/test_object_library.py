@@ -85,6 +85,16 @@ def test_moved_object_takes_over_the_newcomers_place():
     assert library.find(2) is here
 
 
+def test_other_names_of_a_moved_object_mean_it_no_longer_where_it_stood():
+    library = ObjectLibrary()
+    library.records = {i: record(i, poses(2), since_tick=i) for i in (1, 2, 3, 4)}
+    library.merge(4, 3)
+    library.merge(3, 1)
+    library.move(1, 2)
+    assert library.find(3) is library.find(4) is None
+    assert library.find(2) is library.records[1]
+
+
 @pytest.mark.parametrize("first", [0, 1])
 def test_of_two_observations_for_one_object_the_nearer_to_its_place_counts(first):
     library = ObjectLibrary()

@@ -106,6 +106,8 @@ def test_poses_long_past_are_read_when_asked_for(scene, monkeypatch):
     latest = backend.latest_poses()
     np.testing.assert_array_equal(poses[-2:], latest[-2:])
     assert 0.0 < np.abs(poses[:-2] - latest[:-2]).max() < 0.01
+    np.testing.assert_array_equal(backend.poses, poses)  # whoever looks changes nothing
+    np.testing.assert_array_equal(backend.read_all(), latest)
     np.testing.assert_array_equal(backend.poses, latest)
 
 
@@ -113,13 +115,15 @@ def test_keyframes_long_past_that_move_are_noticed(scene, monkeypatch):
     monkeypatch.setattr("neuse.slam.backends.RECENT", 2)
     backend = LandmarkBackend(SolverParams())
     run(backend, scene, lambda i: [odometry(i)])
-    before = backend.latest_poses()
+    before = backend.read_all()
     assert not backend.has_moved()
     T_elsewhere = inverse(POSES[0]) @ POSES[2] @ exp([0.0, 0.0, 0.0, 0.05, 0.0, 0.0])
     backend.add_external([Edge(0, 2, 0, 2, EdgeKind.EXTERNAL, T_elsewhere, 1e-8 * np.eye(6))])
     backend.solve()
     assert backend.has_moved()
     assert np.linalg.norm(backend.latest_poses()[2, :3, 3] - before[2, :3, 3]) > 0.005
+    assert backend.has_moved()
+    backend.read_all()
     assert not backend.has_moved()
 
 

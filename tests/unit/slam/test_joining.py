@@ -115,6 +115,27 @@ def test_session_may_wait_for_a_map_to_come():
     assert len(out) == 16
 
 
+def test_session_that_waited_for_a_map_calls_nothing_by_a_name_of_the_map():
+    """It has counted its objects from 0, as the map has; one of them is new to the map."""
+    world, slam = small_world(3), ObjectSlam()
+    joiner = Joiner(slam, JoiningParams(wait_for_map=True))
+    steps = list(walk(world, 20, 30).steps())
+    play(joiner, slam, steps[:6])
+    first = min(steps[0].names)
+    known = map_of([thing for thing in world.things if thing.name != first], ELSEWHERE, first_id=0)
+    prior = PriorMap.of(known)
+    joiner.offer(prior)
+    out = [frame for _, frames in play(joiner, slam, steps[6:]) for frame in frames]
+    assert len(out) == len(steps)
+    places = slam.places()
+    for object_id, center in prior.places.items():
+        np.testing.assert_allclose(places[object_id], center, atol=0.05)
+    for step, frame in zip(steps, out, strict=True):
+        for name, tracked in zip(step.names, frame.observations, strict=True):
+            if tracked.object_id != NO_ID:
+                assert tracked.object_id == name or (name == first and tracked.object_id >= prior.next_id)
+
+
 def test_session_in_another_world_never_joins():
     slam = ObjectSlam()
     joiner = Joiner(slam)
@@ -128,8 +149,10 @@ def test_session_in_another_world_never_joins():
 def test_held_frames_are_bounded():
     slam = ObjectSlam()
     joiner = Joiner(slam, JoiningParams(wait_for_map=True, max_held_frames=4))
-    play(joiner, slam, walk(small_world(3), 0, 8).steps())
-    assert joiner.n_held == 4
+    steps = list(walk(small_world(3), 0, 8).steps())
+    play(joiner, slam, steps)
+    stamps_ns = [step.frame.stamp_ns for step in steps]
+    assert [frame.stamp_ns for frame in joiner._held] == [stamps_ns[0], *stamps_ns[-3:]]
 
 
 def test_running_session_begins_anew_in_a_map_that_is_not_its_own():

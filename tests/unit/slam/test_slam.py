@@ -340,3 +340,15 @@ def test_large_world_is_tracked_within_30_mm_and_nothing_is_confused():
     assert all(len(given) == 1 for given in names.values())
     twice = Counter(next(iter(given)) for given in names.values())
     assert sum(count > 1 for count in twice.values()) <= 2  # met anew after a blind gap
+
+
+def test_whoever_asks_for_keyframes_changes_nothing(steps):
+    alone, watched = make_slam(), make_slam()
+    for step in steps[:60]:
+        for slam in (alone, watched):
+            slam.step(step.frame, step.odometry)
+        assert len(watched.keyframes) <= len(watched.trajectory())
+        told, wanted = watched.moved_keyframes(), alone.moved_keyframes()
+        assert [keyframe.keyframe_id for keyframe in told] == [keyframe.keyframe_id for keyframe in wanted]
+        for one, other in zip(told, wanted, strict=True):
+            np.testing.assert_array_equal(one.T_map_camera, other.T_map_camera)

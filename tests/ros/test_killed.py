@@ -1,0 +1,101 @@
+"""A bag is played to the three nodes; each of them is killed in the middle of it and started again."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Start, StartNode
+from diagnostic_msgs.msg import DiagnosticArray
+from peer import Peer
+from rclpy.node import Node
+from wandering import LATCHED
+
+from neuse.records import MapObject, ObjectStatus
+from neuse_bags import simulate
+from neuse_encoder_node.conversions import stamp_from_msg
+from neuse_mapper_node.conversions import object_map_from_msg
+from neuse_msgs.msg import ObjectMap
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+N_FRAMES, RATE = 220, 0.3  # so slow that a node starts within two seconds of data
+N_OBJECTS = 12
+WHOLE_NS = 10 * 10**9  # of data, within which the map is whole again
+NODES = {
+    "encoder_node": {"input_reliable": True},
+    "slam_node": {},
+    "mapper_node": {"map_period_s": 0.0, "draw_period_s": 3600.0},
+}
+
+
+@pytest.fixture(scope="module")
+def bag_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("killed") / "tabletop.mcap"
+    arguments = ["tabletop", "--seed", "3", "--frames", str(N_FRAMES), "--out", str(path)]
+    assert simulate.main(arguments) == 0
+    return path
+
+
+class Listener:
+    """What is heard of the nodes while the bag plays."""
+
+    def __init__(self, node: Node) -> None:
+        self.peer = Peer(node, "slam_node")
+        self._reports = self.peer.listen(DiagnosticArray, "/diagnostics")
+        self._maps = self.peer.listen(ObjectMap, "neuse/map", LATCHED)
+
+    def stamp_ns(self) -> int:
+        """Of the latest map."""
+        return stamp_from_msg(self._maps[-1].header.stamp) if self._maps else 0
+
+    def objects(self) -> dict[int, MapObject]:
+        """Those that stand somewhere by the latest map."""
+        if not self._maps:
+            return {}
+        found = object_map_from_msg(self._maps[-1]).objects
+        return {known.object_id: known for known in found if known.status != ObjectStatus.REMOVED}
+
+    def wait_until_running(self, name: str) -> None:
+        asked_ns = time.time_ns()
+
+        def has_reported() -> bool:
+            recent = (m for m in self._reports if stamp_from_msg(m.header.stamp) > asked_ns)
+            return any(status.name == name for m in recent for status in m.status)
+
+        self.peer.wait_for(has_reported, f"word of {name}")
+
+    def wait_for_map(self, object_ids: set[int], after_ns: int) -> None:
+        """Until a map later than this has all of these objects."""
+        self.peer.wait_for(
+            lambda: self.stamp_ns() > after_ns and self.objects().keys() >= object_ids,
+            f"map later than {after_ns} with objects {sorted(object_ids)}",
+        )
+
+
+def test_any_node_killed_in_mid_bag_comes_back_to_the_whole_map(
+    bag_path: Path, node: Node, start_node: StartNode, start_bags: Start
+):
+    listener = Listener(node)
+    running = {name: start_node(name, **parameters) for name, parameters in NODES.items()}
+    for name in NODES:
+        listener.wait_until_running(name)
+    start_bags("play", bag_path, "--rate", str(RATE), "--wait-for", "120")
+    listener.peer.wait_for(lambda: len(listener.objects()) >= N_OBJECTS // 2, "first objects")
+    for name, parameters in NODES.items():
+        before, killed_ns = listener.objects(), listener.stamp_ns()
+        running[name].process.kill()
+        running[name] = start_node(name, **parameters)
+        listener.wait_until_running(name)
+        listener.wait_for_map(set(before), after_ns=max(listener.stamp_ns(), killed_ns))
+        assert listener.stamp_ns() - killed_ns <= WHOLE_NS, name
+        after = listener.objects()
+        for object_id, known in before.items():
+            np.testing.assert_allclose(
+                after[object_id].code.center, known.code.center, atol=0.05, err_msg=name
+            )
+    listener.wait_for_map(set(before), after_ns=(N_FRAMES - 20) * 10**8)
+    centers = np.array([known.code.center for known in listener.objects().values()])
+    assert len(centers) <= N_OBJECTS
+    apart_m = np.linalg.norm(centers[:, None] - centers, axis=-1) + np.eye(len(centers))
+    assert apart_m.min() > 0.05  # nothing is there twice
