@@ -167,8 +167,8 @@ class ObjectMapper:
 
     def is_in(self, object_map: ObjectMap) -> bool:
         """Whether what is known here stands where that map has it, as far as both know the same objects."""
-        there = {known.object_id: known.code.center for known in object_map.objects}
-        return in_their_places(self.places(), there) is not False
+        here, there = self.places(), {known.object_id: known.code.center for known in object_map.objects}
+        return here.keys().isdisjoint(there) or in_their_places(here, there) is True
 
     def recall(self, object_map: ObjectMap) -> int:
         """Take over what an earlier mapper of this session knew; how many objects that are new here.

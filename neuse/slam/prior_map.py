@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from neuse.embedding.code import Code
 from neuse.geometry import Array
@@ -16,6 +17,8 @@ from neuse.records import ObjectMap, ObjectStatus
 from neuse.slam.object_frames import ObjectFrames, SigmaParams, is_usable, reduce_codes
 
 SAME_PLACE_M = 0.3  # an object further from where the map has it is not where the map has it
+VERY_NEAR_M = 0.05
+WITNESSES = 3  # objects, as many as it takes to find a place
 MAX_HELD_FRAMES = 3000  # of a session that is not in the map yet
 
 
@@ -77,10 +80,19 @@ class PriorMap:
 
 
 def in_their_places(centers: Mapping[int, Array], known: Mapping[int, Array]) -> bool | None:
-    """Whether most objects stand where a map has those of the same name; None if it has none of them.
+    """Whether most objects stand where a map has those of that name; None where that cannot be told.
 
-    Both are {object id: (3,) centre, frame `map`, metres}.
+    Both are {object id: (3,) centre, frame `map`, metres}. Names count from 0 in every session, and objects
+    of one table are never far apart: an object counts as in place where the map has hardly another one nearer
+    by, and of few objects all have to be very near.
     """
-    shared = centers.keys() & known.keys()
-    n_there = sum(bool(np.linalg.norm(centers[i] - known[i]) <= SAME_PLACE_M) for i in shared)
-    return 2 * n_there > len(shared) if shared else None
+    shared = sorted(centers.keys() & known.keys())
+    if not shared:
+        return None
+    row = {object_id: i for i, object_id in enumerate(known)}
+    distances_m = cdist([centers[i] for i in shared], list(known.values()))
+    own_m = distances_m[np.arange(len(shared)), [row[i] for i in shared]]
+    if len(shared) < WITNESSES:
+        return True if own_m.max() <= VERY_NEAR_M else None
+    there = (own_m <= SAME_PLACE_M) & (own_m <= distances_m.min(axis=1) + VERY_NEAR_M)
+    return bool(2 * there.sum() > len(shared))

@@ -52,3 +52,17 @@ def test_most_of_the_shared_names_must_be_in_their_places(n_moved, expected):
 
 def test_without_shared_names_nothing_is_known_of_places():
     assert in_their_places({1: np.zeros(3)}, {2: np.zeros(3)}) is None
+
+
+def test_names_of_another_session_on_one_table_are_not_in_their_places():
+    """Places are near to each other, but where one stands the map has another."""
+    known = {i: np.array([0.15 * (i % 3), 0.15 * (i // 3), 0.0]) for i in range(6)}
+    seen = {i: known[(i + 1) % 6] for i in range(6)}
+    assert in_their_places(seen, known) is False
+    assert in_their_places({i: center + 0.02 for i, center in known.items()}, known) is True
+
+
+@pytest.mark.parametrize(("off_m", "expected"), [(0.02, True), (0.1, None)])
+def test_two_objects_tell_a_map_only_where_they_stand_exactly(off_m, expected):
+    known = {i: np.array([float(i), 0.0, 0.0]) for i in range(5)}
+    assert in_their_places({1: known[1], 2: known[2] + [0, off_m, 0]}, known) is expected
