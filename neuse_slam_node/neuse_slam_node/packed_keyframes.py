@@ -107,7 +107,7 @@ def unpack(data: bytes) -> tuple[int, np.ndarray]:
         InputError: `array_length`, the bytes are no such message, or `stamp`.
     """
     if len(data) < ENCAPSULATION or data[1] != LITTLE_ENDIAN:
-        data = serialize_message(deserialize_message(data, KeyframeArray))
+        data = _in_our_order(data)
     try:
         sec, nanosec, name_length = struct.unpack_from("<iII", data, ENCAPSULATION)
         end = ENCAPSULATION + 12 + name_length
@@ -118,6 +118,13 @@ def unpack(data: bytes) -> tuple[int, np.ndarray]:
     except (struct.error, ValueError) as error:
         raise InputError("array_length", f"{len(data)} bytes are no keyframes: {error}") from error
     return stamp_from_msg(Time(sec=sec, nanosec=nanosec)), records
+
+
+def _in_our_order(data: bytes) -> bytes:
+    try:
+        return bytes(serialize_message(deserialize_message(data, KeyframeArray)))
+    except RuntimeError as error:  # whatever the middleware says of bytes that end too soon
+        raise InputError("array_length", f"{len(data)} bytes are no keyframes: {error}") from error
 
 
 def keyframes_of(records: np.ndarray) -> tuple[Keyframe, ...]:

@@ -23,7 +23,15 @@ from slam.synthetic import small_world
 from neuse.embedding.embedding import Embedding
 from neuse.embedding.observe import Observer, ObserverParams
 from neuse.mapping.mapper import ObjectMapper
-from neuse.records import ChangeKind, Instance, Intrinsics, MatchStatus, RgbdFrame
+from neuse.records import (
+    ChangeKind,
+    Instance,
+    Intrinsics,
+    Keyframe,
+    MatchStatus,
+    RgbdFrame,
+    TrackedFrame,
+)
 from neuse.slam.feedback import ChangeFeedback
 from neuse.slam.joining import Joiner
 from neuse.slam.slam import ObjectSlam
@@ -37,8 +45,10 @@ from neuse_encoder_node.detections import instances_from_detections
 from neuse_mapper_node import conversions as mapper
 from neuse_msgs.msg import Instance as InstanceMsg
 from neuse_slam_node import conversions as slam
+from neuse_slam_node.map_memory import MapMemory
+from neuse_slam_node.packed_keyframes import KeyframeReader, unpack
 
-from .soundness import assert_sound
+from .soundness import LATEST_NS, assert_sound
 from .spoiling import FLOATS, TEXTS, spoiled_bytes, spoiled_messages
 from .target import Target
 
@@ -193,11 +203,18 @@ def _mapper_targets() -> Iterator[Target]:
     before, (frame, keyframes), after = _fed()[:4], _fed()[4], _fed()[5]
 
     def mapping(frame_message: Any, keyframes_message: Any) -> None:
+        estimates = slam.keyframes_from_msg(keyframes_message)
+        step(slam.tracked_frame_from_msg(frame_message), estimates)
+
+    def unpacking(data: bytes) -> None:
+        stamp_ns, records = unpack(data)
+        assert 0 <= stamp_ns < LATEST_NS
+        step(frame, KeyframeReader().changed(records))
+
+    def step(tracked: TrackedFrame, estimates: tuple[Keyframe, ...]) -> None:
         stage = ObjectMapper({})
         for item in before:
             stage.step(*item)
-        tracked = slam.tracked_frame_from_msg(frame_message)
-        estimates = slam.keyframes_from_msg(keyframes_message)
         assert_sound((tracked.T_map_camera, tracked.covariance, tracked.intrinsics, estimates))
         assert_sound(stage.step(tracked, estimates))
         assert_sound(stage.object_map)
@@ -211,8 +228,28 @@ def _mapper_targets() -> Iterator[Target]:
     )
     yield Target("neuse/frames", spoiled_messages(sound[0]), lambda message: mapping(message, sound[1]))
     yield Target("neuse/keyframes", spoiled_messages(sound[1]), lambda message: mapping(sound[0], message))
+    packed = serialize_message(sound[1])
+    yield Target("neuse/keyframes, bytes", spoiled_bytes(packed), unpacking)
+    told = mapper.object_map_to_msg(toured_mapper().object_map, "map")
+    yield Target("neuse/recalled_map", spoiled_messages(told), _recall)
     known = mapper.object_map_to_msg(samples.object_map(), "map")
     yield Target("neuse/map", spoiled_messages(known), lambda m: assert_sound(mapper.object_map_from_msg(m)))
+
+
+def _recall(message: Any) -> None:
+    """A map as slam_node remembers it, and as a mapper that has started anew takes it."""
+    memory = MapMemory()
+    memory.hear(message)
+    memory.hear(mapper.object_map_to_msg(toured_mapper().object_map, "map"))
+    stage = ObjectMapper({})
+    for item in _fed()[:4]:
+        stage.step(*item)
+    stage.recall(mapper.object_map_from_msg(message))
+    assert_sound(stage.object_map)
+    for item in _fed()[4:]:
+        stage.step(*item)
+    stage.finalize()
+    assert_sound(stage.object_map)
 
 
 def _bag_targets() -> Iterator[Target]:
