@@ -5,14 +5,14 @@ founded the map or has joined it: when the objects that it names stand where the
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
 
-from neuse.geometry import transform_points
+from neuse.geometry import Array, transform_points
 from neuse.mapping.mapper import ObjectMapper
 from neuse.records import NO_ID, Keyframe, MatchStatus, TrackedFrame
-from neuse.slam.prior_map import MAX_HELD_FRAMES, in_their_places
+from neuse.slam.prior_map import MAX_HELD_FRAMES, WITNESSES, in_their_places
 
 Step = tuple[TrackedFrame, Sequence[Keyframe]]
 STRIDE = 1_000_000  # keyframes of one session
@@ -20,12 +20,23 @@ STRIDE = 1_000_000  # keyframes of one session
 
 @dataclass
 class _Session:
-    """is_member: its frames are in the map.    first_key: of its keyframes, as the mapper calls them."""
+    """is_member: its frames are in the map.    first_key: of its keyframes, as the mapper calls them.
+
+    held: its frames while it is no member.    named: {object id: (3,) centre, map frame} as they saw it last.
+    """
 
     first_key: int
     is_member: bool = True
     has_begun: bool = False
     held: deque[Step] = field(default_factory=lambda: deque[Step](maxlen=MAX_HELD_FRAMES))
+    named: dict[int, Array] = field(default_factory=dict)
+
+    def let_go(self) -> list[Step]:
+        """The frames that were held; none is from now on."""
+        held = list(self.held)
+        self.held.clear()
+        self.named.clear()
+        return held
 
 
 class Sessions:
@@ -44,7 +55,7 @@ class Sessions:
         """The map has been replaced by another: every session has to show that it is in it."""
         for session in self._sessions:
             session.is_member = False
-            session.held.clear()
+            session.let_go()
 
     @property
     def has_strangers(self) -> bool:
@@ -59,13 +70,12 @@ class Sessions:
         if session.is_member:
             return [_renumbered(frame, keyframes, session.first_key)]
         session.held.append((frame, keyframes))
-        agrees = self._agrees(frame)
+        session.named |= _named(frame)
+        agrees = self._agrees(session.named)
         if agrees is None:
             return []
-        session.is_member = agrees
-        steps = [_renumbered(*step, session.first_key) for step in session.held] if agrees else []
-        session.held.clear()
-        return steps
+        session.is_member, held = agrees, session.let_go()
+        return [_renumbered(*step, session.first_key) for step in held] if agrees else []
 
     def _begin(self, session: _Session, index: int) -> None:
         """A session begins, or begins again."""
@@ -75,16 +85,23 @@ class Sessions:
             self._mapper.settle_names(index, self._n_sessions)
         session.has_begun = True
         session.is_member = not self._mapper.places() and not others_have_begun
-        session.held.clear()
+        session.let_go()
 
-    def _agrees(self, frame: TrackedFrame) -> bool | None:
-        """Whether most objects that the frame names are where the map has them; None if the map has none."""
-        seen = {
-            tracked.object_id: transform_points(frame.T_map_camera, tracked.observation.code.center)
-            for tracked in frame.observations
-            if tracked.status == MatchStatus.MATCHED
-        }
-        return in_their_places(seen, self._mapper.places())
+    def _agrees(self, named: Mapping[int, Array]) -> bool | None:
+        """Whether most objects that a session names are where the map has them; None while they are few."""
+        known = self._mapper.places()
+        if len(named.keys() & known.keys()) < min(WITNESSES, len(known)):
+            return None
+        return in_their_places(named, known)
+
+
+def _named(frame: TrackedFrame) -> dict[int, Array]:
+    """{object id: (3,) centre, map frame} of the known objects that a frame saw."""
+    return {
+        tracked.object_id: transform_points(frame.T_map_camera, tracked.observation.code.center)
+        for tracked in frame.observations
+        if tracked.status == MatchStatus.MATCHED
+    }
 
 
 def _renumbered(frame: TrackedFrame, keyframes: Sequence[Keyframe], first_key: int) -> Step:

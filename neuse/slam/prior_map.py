@@ -82,17 +82,19 @@ class PriorMap:
 def in_their_places(centers: Mapping[int, Array], known: Mapping[int, Array]) -> bool | None:
     """Whether most objects stand where a map has those of that name; None where that cannot be told.
 
-    Both are {object id: (3,) centre, frame `map`, metres}. Names count from 0 in every session, and objects
-    of one table are never far apart: an object counts as in place where the map has hardly another one nearer
-    by, and of few objects all have to be very near.
+    Both are {object id: (3,) centre, frame `map`, metres}. Names count from 0 in every session, and what a
+    camera sees first stands before it. So an object counts as in place where the map has hardly another one
+    nearer by, and where it is as far from the others as the map says; and few objects have to be very near.
     """
     shared = sorted(centers.keys() & known.keys())
     if not shared:
         return None
-    row = {object_id: i for i, object_id in enumerate(known)}
-    distances_m = cdist([centers[i] for i in shared], list(known.values()))
-    own_m = distances_m[np.arange(len(shared)), [row[i] for i in shared]]
+    here, there = (np.array([places[i] for i in shared]) for places in (centers, known))
+    off_m = np.linalg.norm(here - there, axis=1)
     if len(shared) < WITNESSES:
-        return True if own_m.max() <= VERY_NEAR_M else None
-    there = (own_m <= SAME_PLACE_M) & (own_m <= distances_m.min(axis=1) + VERY_NEAR_M)
-    return bool(2 * there.sum() > len(shared))
+        return True if off_m.max() <= VERY_NEAR_M else None
+    nearest_m = cdist(here, list(known.values())).min(axis=1)
+    as_far = np.abs(cdist(here, here) - cdist(there, there)) <= VERY_NEAR_M  # (n, n), each from itself, too
+    in_layout = 2 * (as_far.sum(axis=1) - 1) >= len(shared) - 1
+    in_place = (off_m <= SAME_PLACE_M) & (off_m <= nearest_m + VERY_NEAR_M) & in_layout
+    return bool(2 * in_place.sum() > len(shared))

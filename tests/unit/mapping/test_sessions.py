@@ -8,7 +8,7 @@ import pytest
 from neuse.geometry import exp, inverse, make_transform
 from neuse.mapping.mapper import ObjectMapper
 from neuse.mapping.sessions import STRIDE, Sessions
-from neuse.records import NO_ID, Keyframe, MatchStatus
+from neuse.records import NO_ID, Keyframe, MatchStatus, TrackedObservation
 
 from .synthetic import RECONSTRUCT, make_world, orbit
 
@@ -101,13 +101,17 @@ def test_keyframes_of_sessions_are_kept_apart(founded):
     mapper, sessions, _ = founded
     (frame, *_) = frames_of(count=4, start_rad=1.0, ids=same_ids(mapper))
     sessions.admit(frame, (), 1)
-    known = replace(
-        frame.observations[0], object_id=0, status=MatchStatus.MATCHED,
-        observation=_seen_at(frame, mapper.places()[0], frame.observations[0].observation),
-    )  # fmt: skip
-    later = replace(frame, keyframe_id=1, observations=(known,))
+    known = tuple(
+        TrackedObservation(_seen_at(frame, center, seen.observation), MatchStatus.MATCHED, object_id)
+        for seen, (object_id, center) in zip(
+            frame.observations, list(mapper.places().items())[:3], strict=False
+        )
+    )
+    sessions.admit(replace(frame, keyframe_id=NO_ID, observations=known[:2]), (), 1)
+    assert sessions.has_strangers  # two may stand there by chance
+    later = replace(frame, keyframe_id=1, observations=known)
     steps = sessions.admit(later, [Keyframe(1, 5, np.eye(4))], 1)
-    assert [step[0].keyframe_id for step in steps] == [STRIDE, STRIDE + 1]
+    assert [step[0].keyframe_id for step in steps] == [STRIDE, NO_ID, STRIDE + 1]
     assert [k.keyframe_id for k in steps[-1][1]] == [STRIDE + 1]
     between = replace(later, keyframe_id=NO_ID)
     assert sessions.admit(between, (), 1)[0][0].keyframe_id == NO_ID

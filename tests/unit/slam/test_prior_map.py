@@ -59,6 +59,8 @@ def test_names_of_another_session_on_one_table_are_not_in_their_places():
     known = {i: np.array([0.15 * (i % 3), 0.15 * (i // 3), 0.0]) for i in range(6)}
     seen = {i: known[(i + 1) % 6] for i in range(6)}
     assert in_their_places(seen, known) is False
+    before_a_camera = {0: [0.0, 0.05, 0.0], 1: [0.2, 0.05, 0.0], 2: [0.2, 0.15, 0.05]}
+    assert in_their_places({i: np.array(center) for i, center in before_a_camera.items()}, known) is False
     assert in_their_places({i: center + 0.02 for i, center in known.items()}, known) is True
 
 
