@@ -21,6 +21,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 N_FRAMES, RATE = 220, 0.3  # so slow that a node starts within two seconds of data
 NEAR_M = 0.15  # a session that has just found its place in a map of seconds errs by some centimetres
+OFTEN = 8
 WHOLE_NS = 10 * 10**9  # of data, within which the map is whole again
 NODES = {
     "encoder_node": {"input_reliable": True},
@@ -56,11 +57,14 @@ class Listener:
         found = object_map_from_msg(self._maps[-1]).objects
         return {known.object_id: known for known in found if known.status != ObjectStatus.REMOVED}
 
+    def well_known(self) -> dict[int, MapObject]:
+        """Objects that have been seen often."""
+        return {i: known for i, known in self.objects().items() if known.n_observations >= OFTEN}
+
     def well_known_in_sight(self) -> int:
-        """How many objects are, which it takes for a new session to find its place by three of them."""
+        """How many are; it takes three of them for a new session to find its place."""
         recent_ns = self.stamp_ns() - 5 * 10**8
-        known = self.objects().values()
-        return sum(o.n_observations >= 8 and o.last_seen_ns >= recent_ns for o in known)
+        return sum(known.last_seen_ns >= recent_ns for known in self.well_known().values())
 
     def wait_until_running(self, name: str) -> None:
         asked_ns = time.time_ns()
@@ -89,7 +93,7 @@ def test_any_node_killed_in_mid_bag_comes_back_to_the_whole_map(
     start_bags("play", bag_path, "--rate", str(RATE), "--wait-for", "120")
     for name, parameters in NODES.items():
         listener.peer.wait_for(lambda: listener.well_known_in_sight() >= 3, "known objects in sight")
-        before, killed_ns = listener.objects(), listener.stamp_ns()
+        before, killed_ns = listener.well_known(), listener.stamp_ns()
         running[name].process.kill()
         running[name] = start_node(name, **parameters)
         listener.wait_until_running(name)
