@@ -12,7 +12,7 @@ from rclpy.qos import QoSProfile
 
 from neuse_encoder_node.conversions import stamp_from_msg
 
-SETTLE_S = 0.5  # the node must know, too, where its answers go
+SETTLE_S = 1.0  # the node must know, too, where its answers go
 WAIT_S = 120.0
 
 
