@@ -1,6 +1,6 @@
 """Figures beside those of others (Tables II and IV): SLAM without objects, changes by geometry alone."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from statistics import median
 from typing import Any, Protocol
@@ -59,9 +59,10 @@ def run_joined(world: EncodedWorld, external: ExternalRun) -> Estimate:
     return Estimate(tuple(frames), pipeline.slam.keyframes, changes=pipeline.mapper.changes)
 
 
-def odometry_path(samples: Sequence[OdometrySample]) -> Trajectory:
-    """Dead reckoning."""
-    return trajectory_of([s.stamp_ns for s in samples], [s.T_odom_camera for s in samples])
+def odometry_path(samples: Iterable[OdometrySample | None]) -> Trajectory:
+    """Dead reckoning, as far as there is some."""
+    told = [sample for sample in samples if sample is not None]
+    return trajectory_of([s.stamp_ns for s in told], [s.T_odom_camera for s in told])
 
 
 def external_figures(world: EncodedWorld, folder: Path) -> Figures:

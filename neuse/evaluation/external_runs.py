@@ -27,11 +27,12 @@ SOURCES = ("simulation", *(f"evaluation/{module}.py" for module in MODULES))
 class ExternalRun:
     """One external SLAM on one world.
 
-    odometry: of every frame, as published at the time.    closures: of every frame, as found at the time.
+    odometry: of every frame, as published at the time, None where it was lost.
+    closures: of every frame, as found at the time.
     trajectory: its own best answer in the end.    lost: frames that matched nothing.
     """
 
-    odometry: tuple[OdometrySample, ...]
+    odometry: tuple[OdometrySample | None, ...]
     closures: tuple[tuple[Edge, ...], ...]
     trajectory: Trajectory
     lost: int

@@ -5,13 +5,13 @@ What it matches is a matcher's business: scans (scan_matching.py) or features of
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
 from neuse.evaluation.trajectory import Trajectory, trajectory_of
-from neuse.geometry import Array, inverse, make_transform, renormalized, rotation_angle
+from neuse.geometry import Array, exp, inverse, log, make_transform, renormalized, rotation_angle
 from neuse.params import CheckedParams, param
 from neuse.records import Edge, EdgeKind, OdometrySample, RgbdFrame
 from neuse.slam.pose_graph import PoseGraph
@@ -19,6 +19,7 @@ from neuse.slam.smoother import SolverParams
 
 ViewT = TypeVar("ViewT")
 HUBER_SIGMAS = 1.345  # of its loop closures
+SLOWING = 0.5  # of the camera with every frame that is lost
 
 
 @dataclass(frozen=True)
@@ -69,9 +70,12 @@ class ExternalSlamParams(CheckedParams):
 
 @dataclass(frozen=True)
 class ExternalStep:
-    """What an external SLAM publishes of a frame: its odometry, and loop closures that it has just found."""
+    """What an external SLAM publishes of a frame: its odometry, and loop closures that it has just found.
 
-    odometry: OdometrySample
+    odometry: None where it is lost.
+    """
+
+    odometry: OdometrySample | None
     closures: tuple[Edge, ...] = ()
 
 
@@ -93,7 +97,8 @@ class _Frame:
 class ExternalSlam(Generic[ViewT]):
     """Frames go in, odometry and loop closures come out; `trajectory` is its own best answer.
 
-    lost: how many frames matched nothing, so that the camera was taken to go on as before.
+    lost: how many frames matched nothing, so that the camera was taken to go on as before, ever slower: a
+        wrong motion would refuse all that matches later.
     """
 
     matcher: Matcher[ViewT]
@@ -121,20 +126,22 @@ class ExternalSlam(Generic[ViewT]):
         surprise = self.params.max_surprise_m, self.params.max_surprise_rad
         if match and _is_off(match, T_keyframe_predicted, *surprise):
             match = None
-        self.lost += match is None
         T_keyframe_camera = T_keyframe_predicted
         if match:
             T_keyframe_camera = renormalized(match.T_old_new)
             self._motion = inverse(last.T_keyframe_camera) @ T_keyframe_camera
+        else:
+            self.lost += 1
+            self._motion = exp(SLOWING * log(self._motion))
         if match and match.overlap >= self.params.min_overlap and not self._is_far(T_keyframe_camera):
             self._frames.append(_Frame(frame.stamp_ns, last.keyframe_id, T_keyframe_camera))
             T_odom_camera = self._keyframes[-1].T_odom_camera @ T_keyframe_camera
             return ExternalStep(OdometrySample(frame.stamp_ns, T_odom_camera))
         covariance = match.covariance if match else self.params.lost_sigma**2 * np.eye(6)
         self._add_tie(frame.stamp_ns, T_keyframe_camera, covariance)
-        return self._add_keyframe(
-            frame.stamp_ns, view, renormalized(self._keyframes[-1].T_odom_camera @ T_keyframe_camera)
-        )
+        T_odom_camera = renormalized(self._keyframes[-1].T_odom_camera @ T_keyframe_camera)
+        step = self._add_keyframe(frame.stamp_ns, view, T_odom_camera)
+        return step if match else replace(step, odometry=None)
 
     def trajectory(self) -> Trajectory:
         """All frames after the last optimisation."""

@@ -14,6 +14,7 @@ from neuse.evaluation.timing import WARM_UP, Times, TwoClocks, timed
 from neuse.geometry import Array, inverse
 from neuse.records import ObservedFrame
 from neuse.slam.hypotheses import Hypothesis
+from neuse.slam.library import ids_by_likeness
 from neuse.slam.localization import Belief
 from neuse.slam.object_frames import reduce_codes
 from neuse.slam.odometry import Motion
@@ -68,8 +69,8 @@ def associate_frame(
     view = tracker.view(codes, reduce_codes(codes), centers)
     motion = Motion(T_before_now, np.diag(FRAME_SIGMAS**2))
     located = tracker.locate(view, [Hypothesis.after(tracker.belief, motion)])
-    tracks, _ = tracker.update(view, observations, located)
-    tracker.library.similar_ids(codes, tracker.association.delta_shape)
+    tracks, fresh = tracker.update(view, observations, located)
+    ids_by_likeness(codes, [*view.alike, *fresh], tracker.association.delta_shape)
     return tracks
 
 

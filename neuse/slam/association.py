@@ -94,7 +94,7 @@ def associate(
     """Match the observations of a frame jointly.
 
     Args:
-        drift: (m, 2) variances (rad^2, m^2) of the camera relative to each track (`library.drift_between`).
+        drift: (m, 2) variances (rad^2, m^2) of the camera relative to each track (see drift.py).
         prediction: the expected camera pose; its uncertainty is in `drift`.
     """
     places, shapes = places_of(tracks), similarity(view.codes, tracks)

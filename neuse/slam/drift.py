@@ -8,24 +8,39 @@ from neuse.geometry import Array
 from neuse.slam.track import Track
 
 
-def drift_between(tracks: Sequence[Track], now: Array) -> Array:
-    """(m, 2) variances (rad^2, m^2) of the camera relative to each track's place.
+class Ways:
+    """The ways to places over tracks that were seen lately.
 
     The drift clock reads how uncertain dead reckoning has become since the start. An object that was mapped
     at one reading is known relative to another mapped at nearly the same; so the way to an object leads over
     whichever object was seen recently and mapped at about the same time.
     """
-    if not tracks:
-        return np.zeros((0, 2))
-    mapped = np.stack([track.mapped_at for track in tracks])
-    seen = np.stack([track.seen_at for track in tracks])
-    everything = np.arange(len(tracks))
-    return over_ways(mapped, seen, now, everything, nearest_ways(mapped[:, 1], -seen[:, 1]))
 
+    def __init__(self, mapped_at: Array, seen_at: Array, over: np.ndarray) -> None:
+        """(m, 2) readings (rad^2, m^2) at which tracks were mapped and seen last, and which may be used."""
+        rows = np.flatnonzero(over)
+        self._order = rows[np.argsort(mapped_at[rows, 1], kind="stable")]
+        self._mapped_at, self._seen_at = mapped_at, seen_at
+        self._readings, seen = mapped_at[self._order, 1], seen_at[self._order, 1]
+        self._best_before = np.maximum.accumulate(seen + self._readings)  # of those with smaller readings
+        self._best_after = np.maximum.accumulate((seen - self._readings)[::-1])  # from the largest down
 
-def over_ways(mapped_at: Array, seen_at: Array, now: Array, index: np.ndarray, ways: np.ndarray) -> Array:
-    """(n, 2) drifts of some tracks by way of others, from (m, 2) readings of all."""
-    return np.abs(mapped_at[index] - mapped_at[ways]) + now - seen_at[ways]
+    def drifts(self, mapped_at: Array, now: Array) -> Array:
+        """(n, 2) variances (rad^2, m^2) of the camera relative to places mapped at (n, 2) readings."""
+        if not len(self._order):
+            return np.full(mapped_at.shape, np.inf)
+        via = self._order[self._nearest(mapped_at[:, 1])]
+        return np.abs(mapped_at - self._mapped_at[via]) + now - self._seen_at[via]
+
+    def _nearest(self, readings: Array) -> np.ndarray:
+        """(n,) positions in the order over which the way is shortest."""
+        n_before = np.searchsorted(self._readings, readings, side="right")
+        n_after = len(self._order) - n_before
+        before = np.where(n_before > 0, self._best_before[n_before - 1], -np.inf)
+        after = np.where(n_after > 0, self._best_after[n_after - 1], -np.inf)
+        position_before = np.searchsorted(self._best_before, before)
+        position_after = len(self._order) - 1 - np.searchsorted(self._best_after, after)
+        return np.where(before - readings >= after + readings, position_before, position_after)
 
 
 def drift_from(anchors: Sequence[Track], tracks: Sequence[Track]) -> Array:
@@ -33,21 +48,3 @@ def drift_from(anchors: Sequence[Track], tracks: Sequence[Track]) -> Array:
     mapped = np.stack([track.mapped_at for track in anchors])
     between = np.abs(np.stack([track.mapped_at for track in tracks])[:, None] - mapped[None])  # (m, via, 2)
     return between[np.arange(len(tracks)), between[..., 1].argmin(axis=1)]
-
-
-def nearest_ways(readings: Array, costs: Array) -> np.ndarray:
-    """(m,) index v of the least |readings[m] - readings[v]| + costs[v], in m log m steps."""
-    order = np.argsort(readings, kind="stable")
-    at, cost = readings[order], costs[order]
-    before = _running_argmin(cost - at)  # of those with smaller readings
-    after = len(at) - 1 - _running_argmin((cost + at)[::-1])[::-1]
-    is_before = at - at[before] + cost[before] <= at[after] - at + cost[after]
-    best = np.empty(len(at), dtype=np.intp)
-    best[order] = order[np.where(is_before, before, after)]
-    return best
-
-
-def _running_argmin(values: Array) -> np.ndarray:
-    """(m,) index of the smallest of the values so far."""
-    is_least = values == np.minimum.accumulate(values)
-    return np.maximum.accumulate(np.where(is_least, np.arange(len(values)), 0))

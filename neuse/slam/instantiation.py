@@ -77,8 +77,7 @@ def may_be_known(
     """Whether a tentative track may be a known object that drift has moved, so that it should wait.
 
     Args:
-        shapes: (m,) whether each of `others` is alike in shape.    drift: (m, 2) as in
-            `library.drift_between`.
+        shapes: (m,) whether each of `others` is alike in shape.    drift: (m, 2), see drift.py.
         matched: keys of tracks that are seen elsewhere in this very frame.
     """
     for m, other in enumerate(others):

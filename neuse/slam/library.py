@@ -160,19 +160,21 @@ class ObjectLibrary:
         best = S.argmax(axis=1).tolist()
         return tuple(unsettled[m] if S[i, m] >= delta_shape else None for i, m in enumerate(best))
 
-    def similar_ids(self, codes: Sequence[Code], delta_shape: float) -> list[tuple[int, ...]]:
-        """For each code the objects of like shape, most similar first; also those that left their place."""
-        known = self.alike(codes, delta_shape)
-        S = similarity(codes, known)
-        order = np.argsort(-S, axis=1, kind="stable")
-        return [
-            tuple(dict.fromkeys(known[m].object_id for m in row if S[i, m] >= delta_shape))
-            for i, row in enumerate(order)
-        ]
-
     def named(self, object_id: int) -> list[Track]:
         """Tracks of one object: the active one and the places where it once was."""
         return [track for track in self.tracks.values() if track.object_id == object_id]
+
+
+def ids_by_likeness(
+    codes: Sequence[Code], alike: Sequence[Track], delta_shape: float
+) -> list[tuple[int, ...]]:
+    """For each code the objects of like shape among those that may be alike, the most similar first."""
+    S = similarity(codes, alike)
+    order = np.argsort(-S, axis=1, kind="stable")
+    return [
+        tuple(dict.fromkeys(alike[m].object_id for m in row if S[i, m] >= delta_shape))
+        for i, row in enumerate(order)
+    ]
 
 
 def similarity(some: Sequence[Shaped], others: Sequence[Shaped]) -> Array:
@@ -180,18 +182,24 @@ def similarity(some: Sequence[Shaped], others: Sequence[Shaped]) -> Array:
 
     Descriptors of another length are of another network, whatever its category is called.
     """
-    S = np.full((len(some), len(others)), -1.0)
     kinds, other_kinds = [_kind(shaped) for shaped in some], [_kind(shaped) for shaped in others]
+    if len({*kinds, *other_kinds}) == 1 and kinds and other_kinds:
+        return _descriptors(some) @ _descriptors(others).T
+    S = np.full((len(some), len(others)), -1.0)
     for kind in set(kinds) & set(other_kinds):
         rows = [i for i, own in enumerate(kinds) if own == kind]
         columns = [m for m, own in enumerate(other_kinds) if own == kind]
-        descriptors = np.stack([some[i].descriptor for i in rows])
-        S[np.ix_(rows, columns)] = descriptors @ np.stack([others[m].descriptor for m in columns]).T
+        S[np.ix_(rows, columns)] = similarity([some[i] for i in rows], [others[m] for m in columns])
     return S
 
 
 def _kind(shaped: Shaped) -> tuple[str, int]:
     return shaped.category, len(shaped.descriptor)
+
+
+def _descriptors(alike: Sequence[Shaped]) -> Array:
+    """(n, k) of one kind."""
+    return np.concatenate([shaped.descriptor for shaped in alike]).reshape(len(alike), -1)
 
 
 def unlikeness(some: Sequence[Code | Track], others: Sequence[Track]) -> Array:

@@ -24,6 +24,7 @@ from neuse.slam.external import ExternalEdges
 from neuse.slam.keyframe_graph import KeyframeGraph
 from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.layout import View
+from neuse.slam.library import ids_by_likeness
 from neuse.slam.object_frames import is_usable, reduce_codes
 from neuse.slam.odometry import OdometryFix
 from neuse.slam.outcome import tracked_observation
@@ -211,7 +212,7 @@ class ObjectSlam:
     def _tracked(
         self, frame: ObservedFrame, usable: Sequence[int], view: View, tracks: Tracks, fresh: Sequence[Track]
     ) -> tuple[TrackedObservation, ...]:
-        similar = self._tracker.library.similar_ids(view.codes, self.params.association.delta_shape)
+        similar = ids_by_likeness(view.codes, [*view.alike, *fresh], self.params.association.delta_shape)
         tracked = [TrackedObservation(unusable, MatchStatus.TENTATIVE) for unusable in frame.observations]
         for i, track, similar_ids in zip(usable, tracks, similar, strict=True):
             tracked[i] = tracked_observation(frame.observations[i], track, similar_ids, fresh)

@@ -7,7 +7,7 @@ from operator import attrgetter
 import numpy as np
 
 from neuse.geometry import Array
-from neuse.slam.drift import nearest_ways, over_ways
+from neuse.slam.drift import Ways
 from neuse.slam.track import Track
 
 HEAD = 32  # components of a descriptor that are compared first; of the rest only the length
@@ -21,7 +21,7 @@ COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {  # type and shape of an ent
     "confirmed": (np.bool_, ()),
     "in_graph": (np.bool_, ()),
 }
-HEADS = "heads"  # the column of descriptors, as `_head` gives them
+HEADS = "heads"  # the column of descriptors, as `_heads` gives them
 
 
 class TrackTable:
@@ -38,7 +38,7 @@ class TrackTable:
             name: np.zeros((*shape, 16), kind) for name, (kind, shape) in COLUMNS.items()
         }
         self._columns[HEADS] = np.zeros((HEAD + 1, 16), np.float32)
-        self._ways: np.ndarray | None = None
+        self._ways: Ways | None = None
 
     def __len__(self) -> int:
         return len(self._tracks)
@@ -64,26 +64,22 @@ class TrackTable:
 
         No larger than the product of the heads and of the lengths of the rest (Cauchy, Schwarz).
         """
-        heads = np.array([_head(descriptor) for descriptor in descriptors], np.float32).reshape(-1, HEAD + 1)
-        bounds = heads @ self[HEADS]  # (n, m)
+        bounds = _heads(descriptors).astype(np.float32) @ self[HEADS]  # (n, m)
         return bounds.max(axis=0, initial=-np.inf) >= delta_shape - ROUNDING
 
     def drifts(self, tracks: Sequence[Track], now: Array) -> Array:
-        """(n, 2) as `drift.drift_between` of some tracks, by way of any active one."""
-        index = self.index(tracks)
-        mapped_at, seen_at = self["mapped_at"].T, self["seen_at"].T
+        """(n, 2) variances (rad^2, m^2) of the camera relative to tracks, by way of any active one."""
+        mapped_at = self["mapped_at"].T[self.index(tracks)]
         if self._ways is None:
             self._ways = self._ways_over(self["active"])
-        return over_ways(mapped_at, seen_at, now, index, self._ways[index])
+        return self._ways.drifts(mapped_at, now)
 
     def all_drifts(self, now: Array, over: np.ndarray) -> Array:
-        """(m, 2) as `drift.drift_between`, by way of the tracks of a mask."""
-        index = np.arange(len(self))
-        return over_ways(self["mapped_at"].T, self["seen_at"].T, now, index, self._ways_over(over))
+        """(m, 2) variances (rad^2, m^2) of the camera relative to all, by way of the tracks of a mask."""
+        return self._ways_over(over).drifts(self["mapped_at"].T, now)
 
-    def _ways_over(self, over: np.ndarray) -> np.ndarray:
-        costs = np.where(over, -self["seen_at"][1], np.inf)
-        return nearest_ways(self["mapped_at"][1], costs)
+    def _ways_over(self, over: np.ndarray) -> Ways:
+        return Ways(self["mapped_at"].T, self["seen_at"].T, over)
 
     def at(self, chosen: np.ndarray) -> list[Track]:
         """The tracks of a mask."""
@@ -116,19 +112,24 @@ class TrackTable:
             }
         if tracks:
             index = self.index(tracks)
-            for name, values in zip(self._columns, zip(*map(_row_of, tracks), strict=True), strict=True):
+            for name, values in zip(COLUMNS, zip(*map(_row_of, tracks), strict=True), strict=True):
                 self._columns[name][..., index] = np.array(values).T
+            self._columns[HEADS][:, index] = _heads([track.descriptor for track in tracks]).T
 
 
 def _row_of(track: Track) -> tuple[object, ...]:
-    """Its entries in the order of the columns."""
+    """Its entries in the order of COLUMNS."""
     flags = not track.retired, track.confirmed, track.in_graph
-    return track.place[0], track.mapped_at, track.seen_at, track.last_frame, *flags, _head(track.descriptor)
+    return track.place[0], track.mapped_at, track.seen_at, track.last_frame, *flags
 
 
-def _head(descriptor: Array) -> Array:
-    """(HEAD + 1,) the first components, and the length of the rest."""
-    head = np.zeros(HEAD + 1)
-    first, rest = descriptor[:HEAD], descriptor[HEAD:]
-    head[: len(first)], head[HEAD] = first, np.sqrt(rest @ rest)
-    return head
+def _heads(descriptors: Sequence[Array]) -> Array:
+    """(n, HEAD + 1) the first components of each, and the length of the rest."""
+    heads = np.zeros((len(descriptors), HEAD + 1))
+    lengths = np.array([len(descriptor) for descriptor in descriptors])
+    for length in set(lengths.tolist()):
+        index = np.flatnonzero(lengths == length)
+        alike = np.array([descriptors[i] for i in index.tolist()])
+        heads[index, : min(length, HEAD)] = alike[:, :HEAD]
+        heads[index, HEAD] = np.sqrt((alike[:, HEAD:] ** 2).sum(axis=1))
+    return heads

@@ -55,7 +55,7 @@ class ObjectTracker:
     """Tracks the camera against the object library and keeps that library.
 
     The drift clock (rad^2, m^2) runs by the uncertainty of each frame's motion: fast when blind, slow when
-    objects are in view; see `library.drift_between`.
+    objects are in view; see drift.py.
     """
 
     def __init__(

@@ -1,6 +1,7 @@
 """SLAM without objects, with a matcher that knows the truth, or what the test wants it to know."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
@@ -18,11 +19,12 @@ STEP = exp([0.0, 2 * np.pi / LAP, 0.0, 0.1, 0.0, 0.0])
 class PoseMatcher:
     """Views are true poses. Increments have a bias; matches over a gap in time have none.
 
-    blind: indices of views that match nothing.
+    blind: indices of views that match nothing.    wrong_m: {index of a view: by how much its matches err}.
     """
 
     bias: np.ndarray
     blind: frozenset = frozenset()
+    wrong_m: Mapping[int, float] = field(default_factory=dict)
     index: int = -1
 
     def view(self, frame):
@@ -38,11 +40,12 @@ class PoseMatcher:
         near = new[0] - old[0] < LAP // 2
         assert slack == (1.0 if near else ExternalSlamParams().closure_slack)
         T_old_new = inverse(old[1]) @ new[1] @ exp((new[0] - old[0]) * self.bias * near)
+        T_old_new = T_old_new @ exp([0.0, 0.0, 0.0, self.wrong_m.get(new[0], 0.0), 0.0, 0.0])
         return Match(T_old_new, 1e-4 * np.eye(6), 0.9)
 
 
-def run(frames, bias=0.0, blind=(), **params):
-    matcher = PoseMatcher(np.array([0.0, bias, 0.0, 0.0, 0.0, 0.0]), frozenset(blind))
+def run(frames, bias=0.0, blind=(), wrong_m=None, **params):
+    matcher = PoseMatcher(np.array([0.0, bias, 0.0, 0.0, 0.0, 0.0]), frozenset(blind), wrong_m or {})
     slam = ExternalSlam(matcher, ExternalSlamParams(**params))
     empty = np.zeros((4, 4), np.float32)
     steps = [slam.step(RgbdFrame(i + 1, empty, empty.astype(int), (), CAMERA)) for i in range(frames)]
@@ -61,10 +64,21 @@ def test_odometry_and_trajectory_follow_exact_matches():
     assert slam.lost == 0
 
 
-def test_camera_goes_on_as_before_where_nothing_matches():
-    slam, steps = run(30, blind=range(10, 14))
-    assert slam.lost == 4
+def test_camera_goes_on_as_before_in_a_frame_that_matches_nothing():
+    slam, steps = run(30, blind=[10])
+    assert slam.lost == 1
     np.testing.assert_allclose(steps[-1].odometry.T_odom_camera, true_pose(29), atol=1e-6)
+
+
+def test_nothing_is_published_where_it_is_lost():
+    _, steps = run(30, blind=range(10, 14))
+    assert [i for i, step in enumerate(steps) if step.odometry is None] == [10, 11, 12, 13]
+
+
+def test_wrong_motion_does_not_refuse_all_that_matches_later():
+    slam, steps = run(30, wrong_m={9: 0.09, 10: 0.27}, keyframe_m=1.0)
+    assert 0 < slam.lost < 5
+    assert all(step.odometry is not None for step in steps[-10:])
 
 
 def test_match_far_from_the_expected_motion_is_refused():

@@ -267,3 +267,13 @@ def _smooth(rows: Array, width: int) -> Array:
     padded = np.pad(rows, ((width // 2, width // 2), (0, 0)), mode="edge")
     kernel = np.ones(width) / width
     return np.stack([np.convolve(column, kernel, mode="valid") for column in padded.T], axis=1)
+
+
+def drift_between(tracks, now):
+    """(m, 2) drift of the camera relative to each track over whichever other makes it least."""
+    mapped = np.array([track.mapped_at for track in tracks]).reshape(-1, 2)
+    since = now - np.array([track.seen_at for track in tracks]).reshape(-1, 2)
+    if not tracks:
+        return since
+    ways = np.abs(mapped[:, None] - mapped[None]) + since[None]  # (m, via, 2)
+    return ways[np.arange(len(tracks)), ways[..., 1].argmin(axis=1)]

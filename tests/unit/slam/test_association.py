@@ -8,14 +8,13 @@ import pytest
 from neuse.errors import ParamError
 from neuse.geometry import Array, exp, inverse, log, transform_points
 from neuse.slam.association import AssociationParams, associate
-from neuse.slam.drift import drift_between
 from neuse.slam.layout import View
 from neuse.slam.library import ObjectLibrary
 from neuse.slam.localization import Belief, to_map
 from neuse.slam.object_frames import reduce_codes
 from neuse.slam.track import LastSighting, Track
 
-from .synthetic import Thing, make_code, make_thing
+from .synthetic import Thing, drift_between, make_code, make_thing
 
 SIGMAS = np.array([0.03, 0.03, 0.1, 0.003, 0.003, 0.003])
 EXACT = Belief(np.eye(4), 1e-6 * np.eye(6))

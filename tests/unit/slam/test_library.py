@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from neuse.slam.drift import drift_between
+from neuse.slam.drift import Ways
 from neuse.slam.library import ObjectLibrary, alike_in_place, rather_rivals, similarity, unlikeness
 from neuse.slam.object_frames import frames_at
 from neuse.slam.track import orthonormal_places, places_of, shape_noise
 
-from .synthetic import make_thing
+from .synthetic import drift_between, make_thing
 from .test_association import scene_of, view_of
 
 
@@ -223,36 +223,38 @@ def test_keyframes_that_left_the_graph_end_no_period_and_count_in_none(scene):
     assert track.periods == [[5, 10], [40]]
 
 
-def test_drift_counts_from_the_last_sight(scene):
-    drift = drift_between(scene.tracks, np.array([0.1, 0.4]))
-    np.testing.assert_allclose(drift, [[0.1, 0.4]] * 3)
+def drifts(mapped_at, seen_at, now):
+    """By ways of which any may be used; one reading for rotation and translation."""
+    mapped, seen = (np.repeat(np.array(readings)[:, None], 2, axis=1) for readings in (mapped_at, seen_at))
+    return Ways(mapped, seen, np.ones(len(mapped), dtype=bool)).drifts(mapped, np.full(2, now))
 
 
-def test_object_mapped_with_one_just_seen_is_known_as_well(scene):
+def test_drift_counts_from_the_last_sight():
+    np.testing.assert_allclose(drifts([0.0, 0.0, 0.0], [0.1, 0.1, 0.1], 0.4), np.full((3, 2), 0.3))
+
+
+def test_object_mapped_with_one_just_seen_is_known_as_well():
     """Seeing table one again tells where table two is, since both were mapped at nearly the same drift."""
-    near, far, late = scene.tracks
-    near.mapped_at, far.mapped_at, late.mapped_at = np.array([[0, 0], [0.1, 0.1], [5, 5]], dtype=float)
-    near.seen_at = np.array([9.0, 9.0])
-    far.seen_at, late.seen_at = np.array([0.1, 0.1]), np.array([5.0, 5.0])
-    drift = drift_between([near, far, late], np.array([9.2, 9.2]))
+    drift = drifts(mapped_at=[0.0, 0.1, 5.0], seen_at=[9.0, 0.1, 5.0], now=9.2)
     np.testing.assert_allclose(drift[:, 1], [0.2, 0.3, 4.2])
 
 
 def test_way_with_the_least_drift_is_found_among_many(scene):
     rng = np.random.default_rng(4)
     clock = np.sort(rng.random((60, 2)), axis=0)
-    tracks = []
-    for mapped, seen in zip(rng.integers(0, 40, 40), rng.integers(40, 60, 40), strict=True):
-        tracks.append(replace(scene.tracks[0], mapped_at=clock[mapped], seen_at=clock[seen]))
-    readings = np.array([track.mapped_at for track in tracks])
-    since = clock[-1] - np.array([track.seen_at for track in tracks])
-    ways = np.abs(readings[:, None] - readings[None]) + since[None]  # (m, via, 2)
-    expected = ways[np.arange(40), ways[..., 1].argmin(axis=1)]
-    np.testing.assert_allclose(drift_between(tracks, clock[-1]), expected)
+    mapped, seen = clock[rng.integers(0, 40, 40)], clock[rng.integers(40, 60, 40)]
+    tracks = [replace(scene.tracks[0], mapped_at=m, seen_at=s) for m, s in zip(mapped, seen, strict=True)]
+    ways = Ways(mapped, seen, np.ones(40, dtype=bool))
+    np.testing.assert_allclose(ways.drifts(mapped, clock[-1]), drift_between(tracks, clock[-1]))
 
 
-def test_no_tracks_have_no_drift_and_no_places():
-    assert drift_between([], np.zeros(2)).shape == (0, 2)
+def test_there_is_no_way_over_no_track():
+    none = np.zeros((0, 2))
+    assert np.isinf(Ways(none, none, np.zeros(0, dtype=bool)).drifts(np.zeros((3, 2)), np.zeros(2))).all()
+    assert Ways(none, none, np.zeros(0, dtype=bool)).drifts(none, np.zeros(2)).shape == (0, 2)
+
+
+def test_no_tracks_have_no_places():
     assert places_of([]).shape == (3, 0, 3)
 
 

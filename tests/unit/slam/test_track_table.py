@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from neuse.slam.drift import drift_between
 from neuse.slam.library import ObjectLibrary, similarity
 from neuse.slam.track import places_of
 
-from .synthetic import make_thing
+from .synthetic import drift_between, make_thing
 from .test_association import scene_of, view_of
 
 

@@ -10,6 +10,7 @@ from neuse.records import Observation
 from neuse.slam.association import AssociationParams
 from neuse.slam.hypotheses import Hypothesis
 from neuse.slam.instantiation import InstantiationParams
+from neuse.slam.library import ids_by_likeness
 from neuse.slam.localization import Belief
 from neuse.slam.odometry import Motion
 from neuse.slam.tracker import ObjectTracker
@@ -118,10 +119,9 @@ def test_similar_ids_are_sorted_and_include_places_left(tracker, things):
     for _ in range(3):
         observe(tracker, [things[0], twin])
     tracker.library.tracks[0].retired = True
-    assert tracker.library.similar_ids(view_of([things[0]]).codes, tracker.association.delta_shape) == [
-        (0, 1)
-    ]
-    assert tracker.library.similar_ids(view_of([things[1]]).codes, tracker.association.delta_shape) == [()]
+    alike, delta_shape = list(tracker.library.tracks.values()), tracker.association.delta_shape
+    assert ids_by_likeness(view_of([things[0]]).codes, alike, delta_shape) == [(0, 1)]
+    assert ids_by_likeness(view_of([things[1]]).codes, alike, delta_shape) == [()]
 
 
 def test_correction_moves_the_belief_only(tracker):
