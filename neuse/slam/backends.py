@@ -94,7 +94,7 @@ class BaseBackend:
 
     def add_external(self, edges: Sequence[Edge]) -> None:
         for edge in edges:
-            self.graph.add_edge(edge)
+            self.graph.add_doubtful_edge(edge)
 
     @property
     def ids(self) -> np.ndarray:

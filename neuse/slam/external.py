@@ -3,18 +3,20 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 from neuse.geometry import adjoint, inverse
 from neuse.records import Edge, EdgeKind
 from neuse.slam.checks import is_covariance, is_rigid
 from neuse.slam.keyframe_graph import KeyframeGraph
-from neuse.slam.keyframes import KeyframeLibrary
-from neuse.slam.odometry import Motion
+from neuse.slam.keyframes import KeyframeLibrary, KeyframeRecord
+from neuse.slam.odometry import NANOSECONDS, Motion
 from neuse.slam.trust import Trust, contradict
 
 WITNESSES = 2  # objects in sight of a keyframe whose pose is known better than others can tell
 HONEST = 4.0  # factor on stated variances up to which they are believed where nobody can tell
+ENOUGH = 5  # edges that objects have vouched for or not, after which others like them are judged
+PATIENCE_S = 30.0  # for that; then those that nobody can vouch for are taken in doubt:
+DOUBT = 100.0  # factor on their variances
 
 
 class ExternalEdges:
@@ -23,28 +25,60 @@ class ExternalEdges:
     Its covariances are often those of a matching that has found the wrong minimum. Where the graph knows the
     two poses, it shows how far they can be trusted elsewhere, too: places without objects are often those
     where nothing else can be matched either, so that nothing is taken there from one who errs where they are.
+    Until that is known, edges of such places wait.
     """
 
     def __init__(self, tolerance_s: float, counters: Counter[str]) -> None:
         self._tolerance_s, self._counters, self._trust = tolerance_s, counters, Trust()
+        self._waiting: list[Edge] = []  # as they came
+        self._is_patient = True
 
     def accept(self, edges: Sequence[Edge], graph: KeyframeGraph) -> list[Edge]:
-        """Those that can be used, between our keyframes, with covariances that have proved right."""
-        attached = attach(edges, graph.library, self._tolerance_s, self._counters)
-        return [edge for edge in map(partial(self._judged, graph), attached) if edge is not None]
+        """Those that can be used by now, between our keyframes, with covariances that have proved right."""
+        accepted, waiting_before = list[Edge](), len(self._waiting)
+        for edge in edges:
+            for attached in attach([edge], graph.library, self._tolerance_s, self._counters):
+                if _is_witnessed(attached, graph):
+                    accepted += self._judged(attached, graph)
+                else:
+                    self._waiting.append(edge)
+        accepted += self._released(graph)
+        self._counters["external_edge_waiting"] += max(len(self._waiting) - waiting_before, 0)
+        return accepted
 
-    def _judged(self, graph: KeyframeGraph, edge: Edge) -> Edge | None:
+    def _judged(self, edge: Edge, graph: KeyframeGraph) -> list[Edge]:
+        """An edge between keyframes that are known, unless they contradict."""
+        stated, known = Motion(edge.T_from_to, edge.covariance), graph.motion(edge.from_id, edge.to_id)
+        self._trust.learn(stated, known)
+        if contradict(self._trust.scaled(stated, 1.0), known):
+            self._counters["external_edge_contradicted"] += 1
+            return []
+        return [self._weighed(edge)]
+
+    def _released(self, graph: KeyframeGraph) -> list[Edge]:
+        """Those that have waited, once it is known whether they can be trusted, or it seems never to be."""
+        is_known = self._trust.heard >= ENOUGH
+        self._is_patient &= is_known or not self._is_overdue(graph.last)
+        if self._is_patient and not is_known:
+            return []
+        waiting, self._waiting = self._waiting, []
+        if is_known and self._trust.factors.max() > HONEST:
+            self._counters["external_edge_unwitnessed"] += len(waiting)
+            return []
+        attached = attach(waiting, graph.library, self._tolerance_s, self._counters)
+        return [self._weighed(edge, 1.0 if is_known else DOUBT) for edge in attached]
+
+    def _is_overdue(self, last: KeyframeRecord | None) -> bool:
+        waited_ns = last.stamp_ns - self._waiting[0].to_stamp_ns if last and self._waiting else 0
+        return waited_ns > PATIENCE_S / NANOSECONDS
+
+    def _weighed(self, edge: Edge, least: float = 1.0) -> Edge:
         stated = Motion(edge.T_from_to, edge.covariance)
-        if all(len(graph.library.records[end].keys) >= WITNESSES for end in (edge.from_id, edge.to_id)):
-            known = graph.motion(edge.from_id, edge.to_id)
-            self._trust.learn(stated, known)
-            if contradict(self._trust.scaled(stated, 1.0), known):
-                self._counters["external_edge_contradicted"] += 1
-                return None
-        elif self._trust.factors.max() > HONEST:
-            self._counters["external_edge_unwitnessed"] += 1
-            return None
-        return replace(edge, covariance=self._trust.scaled(stated, 1.0).covariance)
+        return replace(edge, covariance=self._trust.scaled(stated, least).covariance)
+
+
+def _is_witnessed(edge: Edge, graph: KeyframeGraph) -> bool:
+    return all(len(graph.library.records[end].keys) >= WITNESSES for end in (edge.from_id, edge.to_id))
 
 
 def attach(

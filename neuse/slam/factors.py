@@ -6,6 +6,7 @@ are rotation first in the body frame, as everywhere in the library.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TypeAlias
 
 import gtsam
 import numpy as np
@@ -14,6 +15,7 @@ from neuse.errors import SolverError
 from neuse.geometry import Array, renormalized
 from neuse.records import Edge
 
+Kernel: TypeAlias = gtsam.noiseModel.mEstimator.Base
 POSE, POINT, LOOSE_POINT, VELOCITY, BIAS = "x", "p", "q", "v", "b"  # letters of gtsam's symbols
 ORIGIN_SIGMA = 1e-4  # rad, m: the first camera pose is the map's origin
 UNKNOWN_TURN = 10.0  # rad/sqrt(s): a smooth motion says nothing of rotations
@@ -48,19 +50,14 @@ def hold_factor(keyframe_id: int, T_map_camera: Array, covariance: Array) -> gts
     return gtsam.PriorFactorPose3(pose_key(keyframe_id), gtsam.Pose3(renormalized(T_map_camera)), noise)
 
 
-def known_point_factor(
-    key: int, p_map: Array, covariance: Array, cauchy_sigmas: float
-) -> gtsam.PriorFactorPoint3:
+def known_point_factor(key: int, p_map: Array, covariance: Array, kernel: Kernel) -> gtsam.PriorFactorPoint3:
     """A point whose place is known from elsewhere, metres, covariance (3, 3)."""
-    noise = _robust(gtsam.noiseModel.Gaussian.Covariance(covariance), cauchy_sigmas)
-    return gtsam.PriorFactorPoint3(key, p_map, noise)
+    return gtsam.PriorFactorPoint3(key, p_map, _noise(covariance, kernel))
 
 
-def edge_factor(edge: Edge, huber_sigmas: float | None) -> gtsam.BetweenFactorPose3:
+def edge_factor(edge: Edge, kernel: Kernel | None) -> gtsam.BetweenFactorPose3:
     """p_from = T_from_to @ p_to as a factor on both poses."""
-    noise: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Covariance(edge.covariance)
-    if huber_sigmas is not None:
-        noise = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(huber_sigmas), noise)
+    noise = _noise(edge.covariance, kernel)
     return gtsam.BetweenFactorPose3(
         pose_key(edge.from_id), pose_key(edge.to_id), gtsam.Pose3(edge.T_from_to), noise
     )
@@ -89,7 +86,7 @@ def smooth_motion_factor(before: int, after: int, duration_s: float, acceleratio
 
 
 def sighting_factor(
-    camera: int, point: int, p_camera: Array, covariance: Array, cauchy_sigmas: float
+    camera: int, point: int, p_camera: Array, covariance: Array, kernel: Kernel
 ) -> gtsam.BearingRangeFactor3D:
     """A point seen at p_camera, as bearing and range with the covariance (3, 3) to first order.
 
@@ -97,12 +94,23 @@ def sighting_factor(
     """
     bearing, range_m = gtsam.Unit3(p_camera), float(np.linalg.norm(p_camera))
     J = np.vstack([bearing.basis().T / range_m, bearing.point3()])  # d (bearing, range) / d p_camera
-    noise = gtsam.noiseModel.Gaussian.Covariance(J @ covariance @ J.T)
-    return gtsam.BearingRangeFactor3D(camera, point, bearing, range_m, _robust(noise, cauchy_sigmas))
+    noise = _noise(J @ covariance @ J.T, kernel)
+    return gtsam.BearingRangeFactor3D(camera, point, bearing, range_m, noise)
 
 
-def _robust(noise: gtsam.noiseModel.Base, cauchy_sigmas: float) -> gtsam.noiseModel.Robust:
-    return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(cauchy_sigmas), noise)
+def huber(sigmas: float) -> Kernel:
+    """Errors beyond so many sigmas count linearly."""
+    return gtsam.noiseModel.mEstimator.Huber.Create(sigmas)
+
+
+def cauchy(sigmas: float) -> Kernel:
+    """The further errors go beyond so many sigmas, the less they pull."""
+    return gtsam.noiseModel.mEstimator.Cauchy.Create(sigmas)
+
+
+def _noise(covariance: Array, kernel: Kernel | None) -> gtsam.noiseModel.Base:
+    noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
+    return noise if kernel is None else gtsam.noiseModel.Robust.Create(kernel, noise)
 
 
 @contextmanager

@@ -15,8 +15,10 @@ from neuse.slam.factors import (
     VELOCITY,
     bias_factor,
     bias_key,
+    cauchy,
     edge_factor,
     hold_factor,
+    huber,
     known_point_factor,
     origin_factor,
     pose_key,
@@ -34,6 +36,7 @@ class PoseGraph:
     def __init__(self, params: SolverParams | None = None) -> None:
         self.params = params or SolverParams()
         self._smoother = Smoother(self.params)
+        self._huber, self._cauchy = huber(self.params.huber_sigmas), cauchy(self.params.cauchy_sigmas)
         self._ids: list[int] = []
         self._id_array: np.ndarray | None = None
         self._points: dict[int, int] = {}  # gtsam's keys
@@ -61,8 +64,7 @@ class PoseGraph:
         if point_id not in self._points:
             self._points[point_id] = gtsam.symbol(POINT, point_id)
             self._smoother.insert(self._points[point_id], np.asarray(p_map, dtype=np.float64))
-        key, cauchy_sigmas = self._points[point_id], self.params.cauchy_sigmas
-        self._smoother.add(known_point_factor(key, p_map, covariance, cauchy_sigmas))
+        self._smoother.add(known_point_factor(self._points[point_id], p_map, covariance, self._cauchy))
 
     def add_pose(self, keyframe_id: int, T_map_camera: Array) -> None:
         """A new keyframe with its start value; ids ascend."""
@@ -72,7 +74,11 @@ class PoseGraph:
 
     def add_edge(self, edge: Edge, robust: bool = True) -> None:
         """A relative pose between two keyframes."""
-        self._smoother.add(edge_factor(edge, self.params.huber_sigmas if robust else None))
+        self._smoother.add(edge_factor(edge, self._huber if robust else None))
+
+    def add_doubtful_edge(self, edge: Edge) -> None:
+        """A relative pose that may be quite another."""
+        self._smoother.add(edge_factor(edge, self._cauchy))
 
     def add_smooth_motion(
         self, before: int, after: int, duration_s: float, T_map_before: Array, T_map_after: Array
@@ -104,7 +110,7 @@ class PoseGraph:
             self._points[point_id] = gtsam.symbol(LOOSE_POINT if loose else POINT, point_id)
             self._smoother.insert(self._points[point_id], np.asarray(p_map, dtype=np.float64))
         keys = pose_key(keyframe_id), self._points[point_id]
-        self._smoother.add(sighting_factor(*keys, p_camera, covariance, self.params.cauchy_sigmas))
+        self._smoother.add(sighting_factor(*keys, p_camera, covariance, self._cauchy))
 
     def remove(self, keyframe_id: int) -> None:
         """A solved keyframe goes with the next solution, and with it all that was said of it."""

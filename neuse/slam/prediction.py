@@ -29,13 +29,14 @@ class Predictor:
         self._reference: tuple[OdometryFix, Belief] | None = None  # the last frame that had odometry
         self._last = Belief(np.eye(4), np.eye(6))  # of the last frame
         self._is_steady = False  # objects were in sight, where they were expected
+        self._blind_frames = 0  # since objects were in sight
         self._T_before_last: Array | None = None  # the motion that led to the last frame, if steady
 
     def predict(
         self, last: Belief, sample: OdometrySample | None, stamp_ns: int
     ) -> tuple[OdometryFix | None, list[Hypothesis]]:
         """The frame's odometry fix, and where the camera may be: by odometry, then by going on as before."""
-        fix = self._odometry.accept(sample, stamp_ns)
+        fix = self._odometry.accept(sample, stamp_ns, self._blind_frames)
         elapsed_ns = 0 if self._last_stamp_ns is None else stamp_ns - self._last_stamp_ns
         self._last_stamp_ns, self._last = stamp_ns, last
         free = self._odometry.free_motion(elapsed_ns * NANOSECONDS)
@@ -50,6 +51,7 @@ class Predictor:
     def judge(self, fix: OdometryFix | None, located: Located) -> OdometryFix | None:
         """The fix, in a new segment if objects have been found elsewhere than where odometry led."""
         self._is_steady = not located.blind and not located.relocalized
+        self._blind_frames = self._blind_frames + 1 if located.blind else 0
         if fix is None or self._reference is None or not located.surprised:
             return fix
         before, belief = self._reference

@@ -91,6 +91,7 @@ class ObjectSlam:
                 if track is not None and track.key in record.keys
             }
             edges = self._add_keyframe(record, clouds, located)
+            self.add_external_edges(())
         self._predictor.settle(fix, self._tracker.belief)
         self._graph.library.add_frame(frame.stamp_ns, self._tracker.belief.T_map_camera)
         return TrackedFrame(
@@ -166,7 +167,8 @@ class ObjectSlam:
         """Add edges of an external SLAM, whose ends are named by their stamps.
 
         Returns:
-            How many were accepted. Others, such as edges with unknown stamps or wrong ones, are counted.
+            How many were accepted now. Others, such as edges with unknown stamps or wrong ones, are counted;
+            some wait until it is known whether they can be trusted.
         """
         accepted = self._externals.accept(edges, self._graph)
         if accepted:

@@ -6,7 +6,7 @@ import gtsam
 
 from neuse.geometry import Array, renormalized
 from neuse.records import Edge
-from neuse.slam.factors import edge_factor, origin_factor, pose_key, solver_errors
+from neuse.slam.factors import edge_factor, huber, origin_factor, pose_key, solver_errors
 from neuse.slam.smoother import SolverParams
 
 
@@ -36,7 +36,7 @@ class SlidingWindow:
         if not self._poses:
             factors.add(origin_factor(keyframe_id, T_window_camera))
         for edge in edges:
-            factors.add(edge_factor(edge, self.params.huber_sigmas))
+            factors.add(edge_factor(edge, huber(self.params.huber_sigmas)))
         with solver_errors():
             self._smoother.update(factors, values, {key: float(keyframe_id)})
         self._read()

@@ -20,7 +20,9 @@ FAST, SAFE = "CHOLESKY", "QR"  # factorisations; the second can do where the fir
 class SolverParams(CheckedParams):
     """How the graph is solved."""
 
-    cauchy_sigmas: float = param(3.0, "scale of the Cauchy kernel on sightings, sigmas", 0.1, 100.0)
+    cauchy_sigmas: float = param(
+        3.0, "scale of the Cauchy kernel on sightings and external edges, sigmas", 0.1, 100.0
+    )
     huber_sigmas: float = param(3.0, "threshold of the Huber kernel on edges, sigmas", 0.1, 100.0)
     relinearize_m_rad: float = param(
         0.01, "iSAM2 relinearises what moved more than this, m or rad", 1e-6, 1.0

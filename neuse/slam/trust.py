@@ -19,12 +19,16 @@ GATE_SIGMAS = 6.0  # two motions further apart contradict each other
 
 
 class Trust:
-    """Factors on the stated variances of rotation and of translation: 1 until something else is known."""
+    """Factors on the stated variances of rotation and of translation: 1 until something else is known.
+
+    heard: how many motions have been compared.
+    """
 
     def __init__(self) -> None:
         self._evidence = np.zeros((2, len(FACTORS)))  # logarithmic
         self._prior = -((np.log10(FACTORS) / PRIOR_DECADES) ** 2) / 2
         self.factors = np.ones(2)
+        self.heard = 0
 
     def scaled(self, stated: Motion, least: float = 0.0) -> Motion:
         """The motion with a covariance that fits what has been seen; no factor is below `least`."""
@@ -36,6 +40,7 @@ class Trust:
 
         A contradiction counts no more than one at the gate: a lie now and then is no noise.
         """
+        self.heard += 1
         difference = log(inverse(stated.T_from_to) @ seen.T_from_to)
         for part, rows in enumerate((slice(0, 3), slice(3, 6))):
             whitening = np.linalg.inv(np.linalg.cholesky(stated.covariance[rows, rows]))

@@ -8,7 +8,7 @@ import pytest
 
 from neuse.geometry import exp, inverse
 from neuse.records import Edge, EdgeKind
-from neuse.slam.external import WITNESSES, ExternalEdges, attach
+from neuse.slam.external import DOUBT, ENOUGH, PATIENCE_S, WITNESSES, ExternalEdges, attach
 from neuse.slam.odometry import Motion
 
 from .test_keyframes import library_with
@@ -60,10 +60,11 @@ STATED = replace(EDGE, covariance=np.diag([0.01] * 6) ** 2)
 
 
 class Graph:
-    """A and B, as the graph knows them, and how many objects are in sight there."""
+    """A and B, as the graph knows them, and how many objects are in sight; the last keyframe is later."""
 
-    def __init__(self, objects):
+    def __init__(self, objects, later_s=0.0):
         self.library = library_with([A, B])
+        self.last = replace(self.library.records[-1], stamp_ns=int(later_s * 1e9))
         records = [replace(record, keys=np.arange(objects)) for record in self.library.records]
         self.library.records = records
 
@@ -88,13 +89,13 @@ def test_edges_that_agree_with_what_objects_show_are_taken_as_stated():
     edges, counters = accepted(noise(0.01))
     assert all(len(each) == 1 for each in edges)
     np.testing.assert_allclose(np.diag(edges[-1][0].covariance), np.diag(STATED.covariance), rtol=0.6)
-    assert not counters
+    assert not any(counters.values())
 
 
 def test_edge_that_objects_contradict_is_refused_and_counted():
     edges, counters = accepted([np.zeros(6), np.array([0, 0, 0, 1.0, 0, 0])])
     assert [len(each) for each in edges] == [1, 0]
-    assert counters == {"external_edge_contradicted": 1}
+    assert +counters == {"external_edge_contradicted": 1}
 
 
 def test_overconfident_edges_lose_their_weight():
@@ -103,18 +104,43 @@ def test_overconfident_edges_lose_their_weight():
     np.testing.assert_allclose(sigmas, 0.05, rtol=0.5)
 
 
-def test_where_no_objects_are_edges_tell_what_nobody_else_does():
-    edges, counters = accepted([np.array([0, 0, 0, 1.0, 0, 0])], objects=WITNESSES - 1)
-    np.testing.assert_allclose(edges[0][0].covariance, STATED.covariance, atol=1e-12)
-    assert not counters
+DARK = WITNESSES - 1  # too few objects in sight to vouch for an edge
+
+
+def external_after(errors):
+    """Edges that objects have shown to be off by exp(error), and the counters from then on."""
+    counters: Counter[str] = Counter()
+    external = ExternalEdges(1e-8, counters)
+    for error in errors:
+        external.accept([replace(STATED, T_from_to=STATED.T_from_to @ exp(error))], Graph(WITNESSES))
+    counters.clear()
+    return external, counters
+
+
+def test_edge_that_nobody_can_vouch_for_waits_until_others_like_it_have_proved_right():
+    external, counters = external_after(noise(0.01, ENOUGH - 1))
+    assert external.accept([STATED], Graph(DARK)) == []
+    assert counters["external_edge_waiting"] == 1
+    assert len(external.accept([STATED], Graph(WITNESSES))) == 2
+    assert len(external.accept([STATED], Graph(DARK))) == 1
+
+
+def test_edge_that_has_waited_for_long_is_taken_in_doubt():
+    external, counters = external_after([])
+    assert external.accept([STATED], Graph(DARK)) == []
+    assert external.accept([], Graph(DARK, PATIENCE_S - 1.0)) == []
+    (edge,) = external.accept([], Graph(DARK, PATIENCE_S + 1.0))
+    np.testing.assert_allclose(edge.covariance, DOUBT * STATED.covariance, atol=1e-9)
+    assert len(external.accept([STATED], Graph(DARK, PATIENCE_S + 1.0))) == 1
+    assert counters["external_edge_waiting"] == 1
 
 
 def test_who_errs_beside_objects_is_not_believed_where_there_are_none():
-    counters: Counter[str] = Counter()
-    external = ExternalEdges(1e-8, counters)
+    external, counters = external_after([])
+    assert external.accept([STATED], Graph(DARK)) == []
     for error in noise(0.05):
         external.accept([replace(STATED, T_from_to=STATED.T_from_to @ exp(error))], Graph(WITNESSES))
-    counters.clear()
-    assert external.accept([STATED], Graph(WITNESSES - 1)) == []
-    assert counters == {"external_edge_unwitnessed": 1}
+    assert counters["external_edge_unwitnessed"] == 1
+    assert external.accept([STATED], Graph(DARK)) == []
+    assert counters["external_edge_unwitnessed"] == 2
     assert external.accept([STATED], Graph(WITNESSES))

@@ -11,7 +11,9 @@ from neuse.geometry import exp, inverse, log, transform_points
 from neuse.records import Edge, EdgeKind
 from neuse.slam.factors import (
     bias_key,
+    cauchy,
     edge_factor,
+    huber,
     pose_key,
     sighting_factor,
     smooth_motion_factor,
@@ -52,7 +54,7 @@ def batch_solution(edges, starts, params):
     for i, T in enumerate(starts):
         values.insert(gtsam.symbol("x", i), gtsam.Pose3(T))
     for edge in edges:
-        graph.add(edge_factor(edge, params.huber_sigmas))
+        graph.add(edge_factor(edge, huber(params.huber_sigmas)))
     solution = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
     return np.stack([solution.atPose3(gtsam.symbol("x", i)).matrix() for i in range(len(starts))])
 
@@ -91,7 +93,7 @@ def test_sighting_factor_weighs_a_small_error_as_its_covariance_says():
         values = gtsam.Values()
         values.insert(0, gtsam.Pose3(T_map_camera))
         values.insert(1, transform_points(T_map_camera, p_camera + error))
-        factor = sighting_factor(0, 1, p_camera, covariance, cauchy_sigmas=1e3)
+        factor = sighting_factor(0, 1, p_camera, covariance, kernel=cauchy(1e3))
         assert factor.error(values) == pytest.approx(
             0.5 * error @ np.linalg.solve(covariance, error), rel=1e-2
         )
@@ -103,7 +105,7 @@ def test_sighting_factor_linearises_like_numerical_differences():
     point, values = transform_points(T, p_camera), gtsam.Values()
     values.insert(0, gtsam.Pose3(T))
     values.insert(1, point)
-    factor = sighting_factor(0, 1, p_camera, 1e-4 * np.eye(3), cauchy_sigmas=1e6)
+    factor = sighting_factor(0, 1, p_camera, 1e-4 * np.eye(3), kernel=cauchy(1e6))
     A, b = factor.linearize(values).jacobian()
     for column in range(6):
         moved = gtsam.Values(values)
