@@ -60,7 +60,7 @@ class EdgeBuilder:
     def __init__(self, params: EdgeParams | None = None) -> None:
         self.params = params or EdgeParams()
         self.rejected = 0
-        self._closed: dict[int, tuple[int, set[int]]] = {}  # by track: its last noted keyframe, its targets
+        self._tried: dict[int, tuple[int, set[int]]] = {}  # by track: its last noted keyframe, its targets
 
     def short_range(
         self,
@@ -93,10 +93,9 @@ class EdgeBuilder:
         """
         targets = self._targets(new, tracks)
         built = self._build([records[target] for target, _ in targets], new, EdgeKind.LOOP_CLOSURE, tracks)
-        for (target, keys), edge in zip(targets, built, strict=True):
-            if edge is not None:
-                for key in keys:
-                    self._closed_by(tracks[key]).add(target)
+        for target, keys in targets:
+            for key in keys:
+                self._tried_by(tracks[key]).add(target)
         return [edge for edge in built if edge is not None]
 
     def _targets(self, new: KeyframeRecord, tracks: dict[int, Track]) -> list[tuple[int, list[int]]]:
@@ -105,19 +104,19 @@ class EdgeBuilder:
         for key in new.keys.tolist():
             if not (tracks[key].confirmed and tracks[key].periods):
                 continue
-            closed = self._closed_by(tracks[key])
+            tried = self._tried_by(tracks[key])
             for target in chain.from_iterable(tracks[key].periods[:-1]):
-                if target not in closed:
+                if target not in tried:
                     asking.setdefault(target, []).append(key)
         count = Counter({target: len(keys) for target, keys in asking.items()})
         ordered = sorted(count, key=lambda target: (-count[target], target))
         return [(target, asking[target]) for target in ordered[: self.params.max_closures]]
 
-    def _closed_by(self, track: Track) -> set[int]:
-        """Keyframes to which it has closed a loop since it was noted last."""
-        noted, closed = self._closed.get(track.key, (track.last_noted, set[int]()))
-        self._closed[track.key] = track.last_noted, closed if noted == track.last_noted else set()
-        return self._closed[track.key][1]
+    def _tried_by(self, track: Track) -> set[int]:
+        """Keyframes to which it has asked for a loop closure since it was noted last."""
+        noted, tried = self._tried.get(track.key, (track.last_noted, set[int]()))
+        self._tried[track.key] = track.last_noted, tried if noted == track.last_noted else set()
+        return self._tried[track.key][1]
 
     def _build(
         self, olds: Sequence[KeyframeRecord], new: KeyframeRecord, kind: EdgeKind, tracks: dict[int, Track]
