@@ -9,7 +9,7 @@ from neuse.embedding.code import Code
 from neuse.geometry import Array, transform_points
 from neuse.mapping.keyframe_memory import most_redundant
 from neuse.mapping.likeness import likeness
-from neuse.mapping.views import View, average_codes, tells_shape
+from neuse.mapping.views import View, average_codes, tells_shape, weight_of
 from neuse.records import NO_ID, MapObject, ObjectStatus
 from neuse.slam.track import SURELY_SAME
 
@@ -141,8 +141,7 @@ def recalled(known: MapObject, poses: Mapping[int, Array]) -> ObjectRecord:
     """The record of an object of which only its entry in a map is left; its box stands for its surface."""
     sides = np.concatenate([np.eye(3), -np.eye(3)]) * known.box_size / 2
     points = known.box_center + sides @ known.T_map_object[:3, :3].T
-    variance = float(np.mean(known.code.sigmas[3:] ** 2)) + 1e-6
     return ObjectRecord(
         known.object_id, known.category, poses, known.first_seen_ns, known.last_seen_ns, 0, 0,
-        known.n_observations, known.status, {NO_ID: View(known.code, points, 1e-6 / variance)},
+        known.n_observations, known.status, {NO_ID: View(known.code, points, weight_of(known.code))},
     )  # fmt: skip

@@ -32,13 +32,18 @@ class View:
 def make_view(code: Code, cloud: np.ndarray, T_keyframe_camera: Array, is_cut: bool, count: int) -> View:
     """A view from an observation in the camera frame; a cut one (at the image border) weighs a quarter."""
     cloud = cloud if len(cloud) else code.center[None]
-    variance = float(np.mean(code.sigmas[3:] ** 2)) + 1e-6
     nearest = np.argsort(np.linalg.norm(cloud - code.center, axis=1))[
         : int(np.ceil(_TRUSTED_SHARE * len(cloud)))
     ]
     kept = np.sort(nearest)[:: max(1, len(nearest) // count)][:count]
     points = transform_points(T_keyframe_camera, cloud[kept].reshape(-1, 3))
-    return View(code.transformed(T_keyframe_camera), points, (0.25 if is_cut else 1.0) * 1e-6 / variance)
+    weight = weight_of(code) / (4.0 if is_cut else 1.0)
+    return View(code.transformed(T_keyframe_camera), points, weight)
+
+
+def weight_of(code: Code) -> float:
+    """Of a view in averages: 1 where the centre is known to a millimetre, then falling with its variance."""
+    return 1e-6 / (float(np.mean(code.sigmas[3:] ** 2)) + 1e-6)
 
 
 def tells_shape(code: Code) -> bool:

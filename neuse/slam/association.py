@@ -17,7 +17,7 @@ from neuse.errors import DegenerateGeometryError
 from neuse.geometry import Array, inverse, rotation_angle
 from neuse.params import CheckedParams, param
 from neuse.slam.checks import check_choice
-from neuse.slam.clique import max_weight_clique
+from neuse.slam.clique import LIKENESS, match_weights, max_weight_clique
 from neuse.slam.layout import Pairs, View, same_directions, same_layout
 from neuse.slam.library import alike_in_place, similarity
 from neuse.slam.localization import Belief, to_camera
@@ -145,7 +145,7 @@ def _tracked_pairs(
     gates_m = np.where(offsets_m <= gates_m, gates_m, np.inf)
     pair = rows, columns = np.nonzero(alike & (offsets_m <= wide_m))
     nearness = 1.0 - offsets_m[pair] / wide_m[pair]
-    weights = 1.0 + 0.25 * np.maximum(shapes[pair], 0.0) + 0.25 * nearness
+    weights = match_weights(shapes[pair]) + LIKENESS * nearness
     return Pairs(rows, columns, gates_m[pair], weights)
 
 
@@ -215,7 +215,7 @@ def _shape_pairs(
         rows += [i] * len(best)
         columns += best.tolist()
     pair = np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)
-    return Pairs(*pair, np.full(len(rows), np.inf), 1.0 + 0.25 * np.maximum(shapes[pair], 0.0))
+    return Pairs(*pair, np.full(len(rows), np.inf), match_weights(shapes[pair]))
 
 
 def _has_rival(clique: list[int], consistent: np.ndarray, pairs: Pairs) -> bool:

@@ -4,6 +4,8 @@ import numpy as np
 
 from neuse.geometry import Array
 
+LIKENESS = 0.25  # what perfect likeness adds to the weight of a possible match: it only breaks ties of number
+
 
 def max_weight_clique(adjacent: np.ndarray, weights: Array, groups: np.ndarray) -> list[int]:
     """Heaviest set of mutually adjacent vertices, by branch and bound; the first found wins a tie.
@@ -17,6 +19,11 @@ def max_weight_clique(adjacent: np.ndarray, weights: Array, groups: np.ndarray) 
     search = _Search(adjacent, weights, groups)
     search.expand([], 0.0, [int(v) for v in np.argsort(-weights, kind="stable")])
     return sorted(search.best)
+
+
+def match_weights(shapes: Array) -> Array:
+    """Weights of possible matches, by the cosines of their descriptors."""
+    return 1.0 + LIKENESS * np.maximum(shapes, 0.0)
 
 
 class _Search:

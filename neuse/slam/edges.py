@@ -67,7 +67,7 @@ class EdgeBuilder:
         new: KeyframeRecord,
         records: Sequence[KeyframeRecord],
         tracks: dict[int, Track],
-        T_olds_new: Array | None = None,
+        T_olds_new: Array,
     ) -> list[Edge]:
         """Edges to the keyframes before `new` in the window.
 
@@ -76,8 +76,6 @@ class EdgeBuilder:
         window = [old for old in records[-self.params.window :] if self._in_window(old, new)]
         built = self._build(window, new, EdgeKind.SHORT_RANGE, tracks)
         edges = [edge for edge in built if edge is not None]
-        if T_olds_new is None:
-            return edges
         agree = _disagreements(edges, T_olds_new) <= self.params.max_disagreement
         self.rejected += int((~agree).sum())
         return [edge for edge, agrees in zip(edges, agree, strict=True) if agrees]

@@ -10,7 +10,7 @@ from neuse.errors import DegenerateGeometryError, InputError
 from neuse.geometry import Array, make_transform
 from neuse.slam.object_frames import ObjectFrames, SigmaParams, noise_of, reduce_codes, skews
 
-LEVER_M = 0.05  # at which directions count as points in `residual_m`: about half an object
+HALF_SIZE_M = 0.05  # at which directions count as points in `residual_m`: about half an object
 GRADUATION = (64.0, 8.0, 3.0, 3.0, 3.0)  # Cauchy scales in sigmas: from all alike down to the robust answer
 INLIER_SIGMAS = 6.0
 PRIOR_DOF = 6.0  # how much the predicted sigmas count beside the residuals of the very alignment
@@ -201,7 +201,7 @@ def _horn(source: Array, target: Array, weights: Array) -> Array:
 
 def _residuals_m(squares: Array, weights: Array, inliers: np.ndarray) -> Array:
     counted = weights * (inliers | ~inliers.any(axis=1, keepdims=True))[:, None]
-    square_levers_m = np.array([1.0, LEVER_M, LEVER_M])[:, None] ** 2
+    square_levers_m = np.array([1.0, HALF_SIZE_M, HALF_SIZE_M])[:, None] ** 2
     return np.sqrt((counted * squares).sum(axis=(1, 2)) / (counted / square_levers_m).sum(axis=(1, 2)))
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from neuse.errors import DegenerateGeometryError
 from neuse.geometry import Array, adjoint, inverse, rotation_angle, transform_points
 from neuse.params import CheckedParams, param
-from neuse.slam.clique import max_weight_clique
+from neuse.slam.clique import match_weights, max_weight_clique
 from neuse.slam.layout import angles_between
 from neuse.slam.library import similarity
 from neuse.slam.object_frames import HIDDEN_HANDLE_RAD, ObjectFrames, frames_at
@@ -121,7 +121,7 @@ def find_place(tracks: Sequence[Track], prior: PriorMap, params: RelocalizationP
     rows, columns = _candidates(shapes, seen, prior.frames, params)
     agree = same_arrangement(seen[rows], prior.frames[columns], params)
     agree &= (rows[:, None] != rows) & (columns[:, None] != columns)
-    weights = 1.0 + 0.25 * shapes[rows, columns]
+    weights = match_weights(shapes[rows, columns])
     clique = np.array(max_weight_clique(agree, weights, rows), dtype=np.intp)
     if len(clique) < 3 or _has_rival(clique, agree, weights, rows):
         return None

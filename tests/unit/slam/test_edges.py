@@ -52,8 +52,11 @@ def world():
 
 
 def short_range(world, record, params=None):
-    builder = EdgeBuilder(params)
-    return builder.short_range(record, world.records[:-1], world.tracks), builder.rejected
+    builder, olds = EdgeBuilder(params), world.records[:-1]
+    T_olds_new = np.array(
+        [inverse(world.pose(old.keyframe_id)) @ world.pose(record.keyframe_id) for old in olds]
+    )
+    return builder.short_range(record, olds, world.tracks, T_olds_new), builder.rejected
 
 
 def test_edges_say_where_the_later_keyframe_is_seen_from_the_earlier(world):
