@@ -1,6 +1,6 @@
 """How fast the whole graph is: three nodes as processes with their default parameters, fed over DDS.
 
-Simulates a world whose frames show at most five objects, plays it at a pace, and measures from outside:
+Simulates a world whose frames show seven objects at most, five on average, plays it at a pace, and measures:
 frames a second, frames lost, the time from a depth image to the edges of its frame, processor and memory of
 each node. Writes DIR/graph.json; what each process says goes to DIR/logs/.
 """
@@ -36,7 +36,7 @@ from neuse_bags.mcap_file import BagWriter
 from neuse_bags.play import LEAST_RATE
 
 SEED = 100
-OBJECTS = 5
+MOST_OBJECTS = 7  # of a frame: five on average
 DROPPED = ("dropped_frame", "incomplete_frame")  # counters of the nodes
 QUIET_S = 5.0  # a graph that says nothing for so long is done
 WATCHED = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
@@ -46,7 +46,7 @@ Figures = dict[str, Any]
 
 
 def write_bag(path: Path, preset: str, frames: int) -> None:
-    """The first frames of a world with the labels of five objects at most."""
+    """The first frames of a world with the labels of a few objects each."""
     with BagWriter(path) as writer:
         topics.declare(writer, (*topics.FRAME_TOPICS, *topics.COLOR_TOPICS, topics.ODOMETRY))
         for simulated in islice(simulate(make_world(preset, SEED)), frames):
@@ -57,8 +57,8 @@ def write_bag(path: Path, preset: str, frames: int) -> None:
 
 
 def with_few_objects(frame: RgbdFrame) -> RgbdFrame:
-    """The frame with its first five instances only."""
-    kept = frame.instances[:OBJECTS]
+    """The frame with its first instances only."""
+    kept = frame.instances[:MOST_OBJECTS]
     mask = np.where(np.isin(frame.mask, [instance.label for instance in kept]), frame.mask, 0)
     return replace(frame, mask=mask.astype(frame.mask.dtype), instances=kept)
 

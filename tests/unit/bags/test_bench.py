@@ -7,7 +7,7 @@ import pytest
 
 from neuse.records import Instance, Intrinsics, RgbdFrame
 from neuse_bags import topics
-from neuse_bags.bench import OBJECTS, Usage, Watch, figures_of, main, with_few_objects
+from neuse_bags.bench import MOST_OBJECTS, Usage, Watch, figures_of, main, with_few_objects
 
 
 class Listener:
@@ -26,13 +26,13 @@ def serialized(stamp_ns: int) -> bytes:
     return b"\x00\x01\x00\x00" + stamp + bytes(20)
 
 
-def test_only_five_objects_stay_in_a_frame() -> None:
-    mask = np.arange(8, dtype=np.int32).reshape(2, 4)
-    instances = tuple(Instance(label, "mug", 1.0) for label in range(1, 8))
-    camera = Intrinsics(4, 2, 1.0, 1.0, 0.0, 0.0)
-    few = with_few_objects(RgbdFrame(0, np.ones((2, 4), np.float32), mask, instances, camera))
-    assert len(few.instances) == OBJECTS
-    assert np.unique(few.mask).tolist() == [0, 1, 2, 3, 4, 5]
+def test_only_the_first_objects_stay_in_a_frame() -> None:
+    mask = np.arange(10, dtype=np.int32).reshape(2, 5)
+    instances = tuple(Instance(label, "mug", 1.0) for label in range(1, 10))
+    camera = Intrinsics(5, 2, 1.0, 1.0, 0.0, 0.0)
+    few = with_few_objects(RgbdFrame(0, np.ones((2, 5), np.float32), mask, instances, camera))
+    assert len(few.instances) == MOST_OBJECTS
+    assert np.unique(few.mask).tolist() == list(range(MOST_OBJECTS + 1))
 
 
 def test_frames_that_do_not_come_back_count_as_lost() -> None:
