@@ -29,7 +29,7 @@ _TRADE_LIKENESS = 3.0  # and so much less one that stands where that stood which
 class ChangeParams(CheckedParams):
     """How long reports wait for the other half of a move, and how long they can be superseded by it."""
 
-    removal_s: float = param(2.0, "an object gone is held back this long, s", 0.0, 1e6)
+    hold_s: float = param(2.0, "an object gone or come is held back this long, s", 0.0, 1e6)
     pending_s: float = param(
         60.0, "an object come is held back this long while it may be from a place not seen since, s", 0.0, 1e6
     )
@@ -77,7 +77,7 @@ class ChangeDetector:
     """Pairs objects that are gone with newcomers of like shape; what stays alone is removed or added."""
 
     def __init__(self, params: ChangeParams) -> None:
-        self._removal_ns = int(params.removal_s * 1e9)
+        self._hold_ns = int(params.hold_s * 1e9)
         self._pending_ns = int(params.pending_s * 1e9)
         self._doubtful_ns = int(params.doubtful_s * 1e9)
         self._memory_ns = int(params.memory_s * 1e9)
@@ -96,6 +96,10 @@ class ChangeDetector:
     def note_come(self, object_id: int, stamp_ns: int) -> None:
         """The object has come to a place that was free, or another's."""
         self._come.setdefault(object_id, _Open(stamp_ns))
+
+    def is_waiting(self, object_id: int) -> bool:
+        """Whether it is known to have come, but that has not been reported yet."""
+        return object_id in self._come and self._come[object_id].reported_ns is None
 
     def forget(self, object_id: int) -> None:
         """The id has turned out to mean another object."""
@@ -117,7 +121,8 @@ class ChangeDetector:
         explained = {move.object_id for move in moves}
         waiting = {newcomer_id for _, newcomer_id, known_id in candidates if known_id not in explained}
         alone = [object_id for object_id in self._come if object_id not in waiting]
-        late = [i for i, e in self._gone.items() if final or stamp_ns - e.since_ns >= self._removal_ns]
+        late = [i for i, e in self._gone.items() if final or stamp_ns - e.since_ns >= self._hold_ns]
+        alone = [i for i in alone if final or stamp_ns - self._come[i].since_ns >= self._hold_ns]
         added, removed = _report(alone, self._come, stamp_ns), _report(late, self._gone, stamp_ns)
         return Decision(tuple(moves), added, removed)
 

@@ -9,9 +9,11 @@ from neuse.mapping.object_library import ObjectLibrary
 from neuse.mapping.object_record import ObjectRecord
 from neuse.mapping.reconstruction import Box, MeshCache
 from neuse.mapping.upkeep import UpkeepParams, is_displaced, is_residual
+from neuse.records import ObjectStatus
 
 _ALIKE = 3.0  # likeness of one object, not of one of twenty
 _STAYS = 3.0  # evidence of no change: most objects stay where they are
+_LATELY_FRAMES = 300  # and what has come within so many hardly goes again
 _UNKNOWN = 3.0  # evidence against an exchange for something never seen that fills the very same place
 
 
@@ -99,6 +101,8 @@ class ContestedPlace:
         well_known = len(known.views) >= self._params.discovery_views
         from_elsewhere = self._likeness_to_others(newcomer.record, known) - _ALIKE
         evidence = newcomer.record.likeness(known)
+        if _has_come_lately(known, newcomer.record):
+            evidence += _STAYS
         if well_known and not at_once:
             evidence -= max(from_elsewhere - _STAYS, 0.0)
         if evidence >= 0.0 or evidence == -np.inf:
@@ -125,6 +129,11 @@ class ContestedPlace:
 
     def _box(self, record: ObjectRecord) -> Box:
         return self._meshes.box(record.object_id, record.code, record.points)
+
+
+def _has_come_lately(known: ObjectRecord, newcomer: ObjectRecord) -> bool:
+    lately = newcomer.since_tick - known.since_tick <= _LATELY_FRAMES
+    return lately and known.status in (ObjectStatus.ADDED, ObjectStatus.MOVED)
 
 
 def _is_seen_still(known: ObjectRecord, newcomer: Newcomer) -> bool:

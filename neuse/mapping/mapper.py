@@ -89,6 +89,9 @@ class ObjectMapper:
             seen_ids = self._intake.seen_for_sure(frame, keyframe)
             self._presence.update(keyframe, self._memory, self._library, seen_ids)
             self._judge_newcomers(set(keyframe.centers))
+            for newcomer_id, known_id in self._presence.refuted():
+                if self._detector.is_waiting(newcomer_id):
+                    self._merge(newcomer_id, known_id)
         if frame.loop_closed:
             self.merge_duplicates()
         return self._detect_changes(final=False)
@@ -205,7 +208,7 @@ class ObjectMapper:
             elif verdict.origin == Origin.CHANGE:
                 self._detector.note_come(object_id, self._stamp_ns)
                 for displaced_id in verdict.displaced:
-                    self._presence.displace(displaced_id)
+                    self._presence.displace(displaced_id, object_id)
 
     def _merge(self, duplicate_id: int, kept_id: int) -> None:
         """One object under two ids."""
@@ -252,7 +255,7 @@ class ObjectMapper:
         change = self._reports.report(self._stamp_ns, ChangeKind.MOVED, record, record, newcomer)
         for displaced_id in self._judge.displaced_by(newcomer):
             if displaced_id != move.object_id:
-                self._presence.displace(displaced_id)
+                self._presence.displace(displaced_id, move.object_id)
         self._library.move(move.object_id, move.newcomer_id)
         self._newcomers.discard(move.object_id)
         self._presence.forget(move.object_id)

@@ -22,6 +22,7 @@ class Presence:
         self._evidence, self._enough = evidence, enough
         self._empty: dict[int, int] = {}
         self._displaced: set[int] = set()
+        self._claims: dict[int, tuple[int, int]] = {}  # on places: by whom, and sights of the owner since
         self._returned: dict[int, int] = {}
 
     def update(
@@ -47,19 +48,34 @@ class Presence:
         """An object that was removed has been matched at its place often enough since."""
         return self._returned.get(object_id, 0) >= self._enough
 
-    def displace(self, object_id: int) -> None:
+    def displace(self, object_id: int, by_id: int) -> None:
         """Another object has taken the place: this one is gone until it is matched again."""
         self._displaced.add(object_id)
+        self._claims[object_id] = by_id, 0
+
+    def refuted(self) -> list[tuple[int, int]]:
+        """(other, object) of objects matched often enough in places that others were said to have taken."""
+        refuted = [(by_id, i) for i, (by_id, sights) in self._claims.items() if sights >= self._enough]
+        for _, object_id in refuted:
+            del self._claims[object_id]
+        return refuted
 
     def forget(self, object_id: int) -> None:
         """What was known no longer holds: the object has moved, returned, or left the map."""
+        self._clear(object_id)
+        self._claims.pop(object_id, None)
+
+    def _clear(self, object_id: int) -> None:
         self._empty.pop(object_id, None)
         self._returned.pop(object_id, None)
         self._displaced.discard(object_id)
 
     def _saw(self, record: ObjectRecord) -> None:
         if record.is_present:
-            self.forget(record.object_id)
+            self._clear(record.object_id)
+            if record.object_id in self._claims:
+                by_id, sights = self._claims[record.object_id]
+                self._claims[record.object_id] = by_id, sights + 1
         else:
             self._returned[record.object_id] = self._returned.get(record.object_id, 0) + 1
 

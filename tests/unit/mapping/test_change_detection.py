@@ -12,7 +12,7 @@ from neuse.records import NO_ID, ChangeKind, ObjectChange, ObjectStatus
 from .synthetic import make_code, standing
 
 S = 1_000_000_000
-REMOVAL, DOUBTFUL, PENDING, MEMORY = 2 * S, 10 * S, 60 * S, 120 * S
+HOLD, DOUBTFUL, PENDING, MEMORY = 2 * S, 10 * S, 60 * S, 120 * S
 
 
 def library_of(*entries):
@@ -67,18 +67,21 @@ def test_object_hardly_shifted_must_look_the_same_or_else_another_stands_there(d
     put(library.records[2], 0.05, library.records[1], cosine)
     detector.note_gone(1, 0)
     detector.note_come(2, 0)
-    expected = ([Move(1, 2)], [], []) if has_moved else ([], [2], [])
-    assert decide(detector, library) == expected
+    expected = ([Move(1, 2)], [], []) if has_moved else ([], [2], [1])
+    assert decide(detector, library, HOLD) == expected
 
 
-def test_newcomer_of_another_shape_is_added_at_once_and_the_gone_one_removed_later(detector):
+def test_newcomer_of_another_shape_is_added_and_the_gone_one_removed_after_a_while(detector):
     library = library_of((1, 5, 0, 3), (2, 6, 10, 20))
-    detector.note_gone(1, 0)
+    detector.note_gone(1, S)
     detector.note_come(2, 0)
-    assert decide(detector, library) == ([], [2], [])
-    assert decide(detector, library, REMOVAL - 1) == NOTHING
-    assert decide(detector, library, REMOVAL) == ([], [], [1])
-    assert decide(detector, library, REMOVAL, final=True) == NOTHING
+    assert decide(detector, library, HOLD - 1) == NOTHING
+    assert detector.is_waiting(2)
+    assert decide(detector, library, HOLD) == ([], [2], [])
+    assert not detector.is_waiting(2)
+    assert decide(detector, library, S + HOLD - 1) == NOTHING
+    assert decide(detector, library, S + HOLD) == ([], [], [1])
+    assert decide(detector, library, S + HOLD, final=True) == NOTHING
 
 
 def test_newcomer_waits_while_the_place_of_a_like_object_is_unseen(detector):
@@ -93,7 +96,7 @@ def test_newcomer_is_added_once_the_like_object_is_seen_at_home(detector):
     library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
     detector.note_come(2, 0)
     library.records[1].seen(21, 0, library.records[1].code)
-    assert decide(detector, library) == ([], [2], [])
+    assert decide(detector, library, HOLD) == ([], [2], [])
 
 
 def test_newcomer_is_added_when_it_waited_long_enough(detector):
@@ -116,7 +119,7 @@ def test_doubtful_newcomer_of_the_very_shape_of_an_object_long_gone_is_that_obje
     library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
     assert decide(detector, library, doubtful={2}) == NOTHING
     detector.note_gone(1, 0)
-    assert decide(detector, library, REMOVAL, doubtful={2}) == ([], [], [1])
+    assert decide(detector, library, HOLD, doubtful={2}) == ([], [], [1])
     assert decide(detector, library, DOUBTFUL - 1, doubtful={2}) == NOTHING
     assert decide(detector, library, DOUBTFUL, doubtful={2}) == ([Move(1, 2)], [], [])
     assert decide(detector, library, PENDING, final=True, doubtful={2}) == NOTHING
@@ -140,7 +143,7 @@ def test_doubtful_newcomer_is_never_added(detector):
 def test_doubtful_newcomer_met_long_before_is_not_an_object_that_went(detector):
     library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
     detector.note_gone(1, PENDING)
-    assert decide(detector, library, PENDING + REMOVAL, doubtful={2}) == ([], [], [1])
+    assert decide(detector, library, PENDING + HOLD, doubtful={2}) == ([], [], [1])
 
 
 def test_doubtful_newcomer_must_look_more_like_an_object_gone_than_one_that_has_come(detector):
@@ -159,13 +162,13 @@ def test_what_was_reported_long_ago_explains_nothing(detector):
     assert decide(detector, library, final=True) == ([], [], [1])
     library.records[1].status = ObjectStatus.REMOVED
     detector.note_come(2, MEMORY)
-    assert decide(detector, library, MEMORY) == ([], [2], [])
+    assert decide(detector, library, MEMORY + HOLD) == ([], [2], [])
 
 
 def test_removal_reported_minutes_ago_may_still_turn_out_a_move(detector):
     library = library_of((1, 5, 0, 3), (2, 5, 10, 20))
     detector.note_gone(1, 0)
-    assert decide(detector, library, REMOVAL) == ([], [], [1])
+    assert decide(detector, library, HOLD) == ([], [], [1])
     library.records[1].status = ObjectStatus.REMOVED
     detector.note_come(2, MEMORY)
     assert decide(detector, library, MEMORY) == ([Move(1, 2)], [], [])
@@ -215,8 +218,8 @@ def test_one_that_stands_where_that_stood_which_has_its_place_need_look_less_lik
         library.move(2, 4)
     detector.note_gone(1, 0)
     detector.note_come(3, 0)
-    expected = ([Move(1, 3)], [], []) if has_traded else ([], [3], [])
-    assert decide(detector, library) == expected
+    expected = ([Move(1, 3)], [], []) if has_traded else ([], [3], [1])
+    assert decide(detector, library, HOLD) == expected
 
 
 @pytest.mark.parametrize("final", [False, True])

@@ -78,7 +78,7 @@ def test_object_moved_to_another_table_waits_for_its_old_place():
 
 
 def test_removed_object_put_back_is_added():
-    world = make_world(mapper=ObjectMapper(RECONSTRUCT, MapperParams(changes=ChangeParams(removal_s=0.0))))
+    world = make_world(mapper=ObjectMapper(RECONSTRUCT, MapperParams(changes=ChangeParams(hold_s=0.0))))
     a = world.thing("a")
     world.tour(orbit(count=16))
     world.remove("a")
@@ -117,7 +117,7 @@ def test_map_does_not_depend_on_the_order_of_observations_in_a_frame(shuffles):
 
 
 def test_mapper_that_starts_anew_goes_on_with_what_the_one_before_knew():
-    params = MapperParams(changes=ChangeParams(removal_s=0.0))
+    params = MapperParams(changes=ChangeParams(hold_s=0.0))
     world = make_world(mapper=ObjectMapper(RECONSTRUCT, params))
     world.tour(orbit(count=12))
     world.remove("a")
@@ -140,7 +140,7 @@ def test_mapper_that_starts_anew_goes_on_with_what_the_one_before_knew():
 
 
 def test_mapper_loaded_with_an_earlier_map_goes_on_with_what_the_one_before_knew(tmp_path):
-    params = MapperParams(changes=ChangeParams(removal_s=0.0))
+    params = MapperParams(changes=ChangeParams(hold_s=0.0))
     world = make_world(mapper=ObjectMapper(RECONSTRUCT, params))
     world.tour(orbit(count=12))
     world.mapper.save(tmp_path / "room.map")

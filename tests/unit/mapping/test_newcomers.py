@@ -215,6 +215,21 @@ def test_that_a_place_was_free_before_a_thing_came_does_not_tell_that_it_went():
     assert_map_is_true(world)
 
 
+def test_what_has_just_come_may_be_exchanged_at_once():
+    world = make_world()
+    world.tour(orbit(count=16))
+    world.add(standing("f", 0.0, -0.35))
+    world.tour(orbit(count=16, start_rad=1.0))
+    first_id = world.ids["f"]
+    world.remove("f")
+    world.add(standing("g", 0.0, -0.35, height_m=0.25, seed=9))
+    look_away(world)
+    world.tour(orbit(count=16))
+    world.finish()
+    changes = [(change.kind, change.object_id) for change in world.mapper.changes]
+    assert sorted(changes) == sorted([(ADDED, first_id), (REMOVED, first_id), (ADDED, world.ids["g"])])
+
+
 def test_things_of_one_size_that_look_somewhat_alike_and_trade_places_have_moved():
     p, q = standing("p", -0.25, 0.0), standing("q", 0.3, 0.0)
     world = make_world([*five_things()[:4], p, lookalike(q, like=p.shape_seed, seed=1)])

@@ -65,7 +65,7 @@ def test_lying_object_that_is_taken_away_is_removed():
 
 
 def test_removed_object_that_the_tracker_matches_again_is_added():
-    world = make_world(mapper=ObjectMapper(RECONSTRUCT, MapperParams(changes=ChangeParams(removal_s=0.0))))
+    world = make_world(mapper=ObjectMapper(RECONSTRUCT, MapperParams(changes=ChangeParams(hold_s=0.0))))
     world.tour(orbit(count=16))
     a, known = world.thing("a"), (world.ids["a"], world._places["a"])
     world.remove("a")
@@ -135,9 +135,27 @@ def test_unclear_sights_say_nothing(watched, free):
 
 
 def test_displaced_object_is_gone_until_it_is_matched(watched):
-    watched[0].displace(5)
+    watched[0].displace(5, 6)
     assert watch(watched, 0.0, count=20)
     assert not watch(watched, 0.0, seen_ids=[5])
+
+
+def test_claim_on_a_place_is_refuted_by_enough_matches_of_its_owner(watched):
+    presence = watched[0]
+    presence.displace(5, 6)
+    watch(watched, 0.0, count=2, seen_ids=[5])
+    assert presence.refuted() == []
+    watch(watched, 0.0, seen_ids=[5])
+    assert presence.refuted() == [(6, 5)]
+    assert presence.refuted() == []
+
+
+def test_claim_on_the_place_of_what_has_moved_is_settled(watched):
+    presence = watched[0]
+    presence.displace(5, 6)
+    presence.forget(5)
+    watch(watched, 0.0, count=5, seen_ids=[5])
+    assert presence.refuted() == []
 
 
 def test_place_out_of_view_is_not_judged(watched):
