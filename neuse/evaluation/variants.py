@@ -10,7 +10,6 @@ PAPER = CODES_ALONE | {
     "slam.mode": "edges",
     "slam.odometry.use": "blind",
     "slam.odometry.adapt": False,
-    "slam.odometry.blind_bias": 0.0,
     "slam.edges.max_closure_sigma_rad": 0.1,  # here closures hold the graph; elsewhere they are only told
     "slam.edges.max_closure_sigma_m": 0.1,
     "slam.edges.closure_spacing": 3,

@@ -30,7 +30,7 @@ class OdometryParams(CheckedParams):
     max_rate_radps: float = param(6.0, "a faster turn is a jump", 0.01, 1000.0)
     blind_bias: float = param(
         0.3,
-        "share of the noise that is one error for as long as no object is in sight, so that it adds up",
+        "share of the noise not seen beside objects that is one error for as long as none is in sight",
         0.0,
         1.0,
     )
@@ -48,13 +48,14 @@ class OdometryParams(CheckedParams):
 class OdometryFix:
     """An accepted sample. Fixes of one segment may be compared.
 
-    index: counts the frames since the start.    noise: variances added up since, in those of a frame.
+    index: counts the frames since the start.    blindness: sum of twice the frames without an object in sight
+        before each of them.
     """
 
     T_odom_camera: Array
     segment: int
     index: int
-    noise: float
+    blindness: float
 
 
 @dataclass(frozen=True)
@@ -77,18 +78,17 @@ class OdometryTracker:
         self._last: OdometrySample | None = None
         self._segment = 0
         self._index = 0
-        self._noise = 0.0
+        self._blindness = 0.0
 
     def accept(
         self, sample: OdometrySample | None, frame_stamp_ns: int, blind_frames: int = 0
     ) -> OdometryFix | None:
         """The fix for a frame, or None where there is no sample that can be used.
 
-        blind_frames: how many frames before it have seen no object. Where objects are missing, so is what
-        odometry matches, and it errs in one direction for long: k such errors add up to k^2 variances.
+        blind_frames: how many frames before it have seen no object.
         """
         self._index += 1
-        self._noise += 1.0 + 2.0 * self.params.blind_bias * blind_frames
+        self._blindness += 2.0 * blind_frames
         fault = self._fault(sample, frame_stamp_ns)
         if sample is None or fault is not None:
             self.counters[fault or "odometry_missing"] += 1
@@ -97,7 +97,7 @@ class OdometryTracker:
             self.counters["odometry_jump"] += 1
             self._segment += 1
         self._last = sample
-        return OdometryFix(sample.T_odom_camera, self._segment, self._index, self._noise)
+        return OdometryFix(sample.T_odom_camera, self._segment, self._index, self._blindness)
 
     def contradicted(self, fix: OdometryFix) -> OdometryFix:
         """The fix of a frame that objects show elsewhere: it begins a segment, and that is counted."""
@@ -111,7 +111,7 @@ class OdometryTracker:
             return None
         T_from_to = inverse(before.T_odom_camera) @ after.T_odom_camera
         variances = np.repeat([self.params.sigma_rotation_rad**2, self.params.sigma_translation_m**2], 3)
-        return Motion(T_from_to, np.diag(variances * max(1.0, after.noise - before.noise)))
+        return Motion(T_from_to, np.diag(variances * max(1, after.index - before.index)))
 
     def free_motion(self, duration_s: float) -> Motion:
         """What is known of a motion without odometry: it was not fast."""

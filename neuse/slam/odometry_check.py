@@ -1,11 +1,15 @@
 """Odometry beside what objects tell of the same motions: its noise is learned, contradictions are refused.
 
 Noise that shows while objects are in sight may be more where there are none, never less: matching of scans or
-pictures fails in empty places, and they are where no object is either.
+pictures fails in empty places, and they are where no object is either. There it errs in one direction for
+long: k such errors add up to k^2 variances.
 """
 
 from collections.abc import Sequence
 
+import numpy as np
+
+from neuse.geometry import Array
 from neuse.records import Edge
 from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.odometry import Motion, OdometryFix, OdometryTracker
@@ -30,7 +34,14 @@ class OdometryCheck:
         stated = self._odometry.motion(before, after)
         if stated is None or not self._odometry.params.adapt:
             return stated
-        return self._trust.scaled(stated, 0.0 if in_sight else 1.0)
+        return self._trust.scaled(stated, 0.0 if in_sight else self._unseen(before, after))
+
+    def _unseen(self, before: OdometryFix | None, after: OdometryFix | None) -> Array:
+        """(2,) least factors on the stated variances where no object is in sight."""
+        if before is None or after is None:
+            return np.ones(2)
+        bias = self._odometry.params.blind_bias * np.maximum(1.0 - self._trust.factors, 0.0)
+        return 1.0 + bias * (after.blindness - before.blindness) / max(1, after.index - before.index)
 
     def is_refuted(self, before: OdometryFix, after: OdometryFix, seen: Motion) -> bool:
         """Whether objects have seen another motion between two frames; learned from if so."""

@@ -30,7 +30,7 @@ class Trust:
         self.factors = np.ones(2)
         self.heard = 0
 
-    def scaled(self, stated: Motion, least: float = 0.0) -> Motion:
+    def scaled(self, stated: Motion, least: float | Array = 0.0) -> Motion:
         """The motion with a covariance that fits what has been seen; no factor is below `least`."""
         scale = np.repeat(np.sqrt(np.maximum(self.factors, least)), 3)
         return replace(stated, covariance=scale[:, None] * stated.covariance * scale)

@@ -28,14 +28,16 @@ class Run:
         self.odometry = OdometryTracker(OdometryParams(**params), self.counters)
         self.check = OdometryCheck(self.odometry)
         self.records: list[KeyframeRecord] = []
-        self.T_odom_camera = np.eye(4)
+        self.T_odom_camera, self.blind_frames = np.eye(4), 0
 
     def step(self, error: Array, objects: int = 3) -> Motion | None:
         """One frame further, odometry being wrong by exp(error); what is believed of the last motion."""
         index = len(self.records)
         self.T_odom_camera = self.T_odom_camera @ STEP @ exp(error)
         stamp_ns = index * FRAME_NS
-        fix = self.odometry.accept(OdometrySample(stamp_ns, self.T_odom_camera), stamp_ns)
+        sample = OdometrySample(stamp_ns, self.T_odom_camera)
+        fix = self.odometry.accept(sample, stamp_ns, self.blind_frames)
+        self.blind_frames = 0 if objects else self.blind_frames + 1
         new = KeyframeRecord(index, stamp_ns, np.zeros(0, int), NO_OBJECTS, fix)
         ties = [self._tie(old, new, objects) for old in self.records[-9:]] if objects else []
         motion = self.check.between(self.records[-1], new, ties) if self.records else None
@@ -132,3 +134,12 @@ def test_motion_is_refuted_by_another():
     covariance = np.diag(TIE**2)
     assert not run.check.is_refuted(first, second, Motion(told, covariance))
     assert run.check.is_refuted(first, second, Motion(told @ exp([0, 0, 0.2, 0, 0, 0]), covariance))
+
+
+@pytest.mark.parametrize(("sigma_m", "bias"), [(0.005, OdometryParams().blind_bias), (0.05, 0.0)])
+def test_noise_that_did_not_show_beside_objects_is_one_error_where_there_are_none(sigma_m, bias):
+    run, n = Run(), 20
+    run.play(np.repeat([0.003, sigma_m], 3), 300)
+    blind = [run.step(np.zeros(6), objects=0) for _ in range(n)]
+    variance = sum(sigmas_of(motion)[1] ** 2 for motion in blind)
+    assert variance == pytest.approx(0.05**2 * (n + bias * n * (n - 1)), rel=0.35)
