@@ -90,7 +90,7 @@ class ObjectMapper:
             self._presence.update(keyframe, self._memory, self._library, seen_ids)
             self._judge_newcomers(set(keyframe.centers))
             for newcomer_id, known_id in self._presence.refuted():
-                if self._detector.is_waiting(newcomer_id):
+                if self._detector.is_waiting(newcomer_id) and self._judge.is_double(newcomer_id, known_id):
                     self._merge(newcomer_id, known_id)
         if frame.loop_closed:
             self.merge_duplicates()
