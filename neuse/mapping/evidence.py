@@ -1,6 +1,6 @@
 """What a keyframe saw at a place, the place being put relative to the anchors that the keyframe saw."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
@@ -53,7 +53,12 @@ class Evidence:
         self._layout, self._free_space = layout, free_space
 
     def tie(
-        self, keyframe: SeenKeyframe, center: Array, known_by: Sequence[int], excluded_id: int
+        self,
+        keyframe: SeenKeyframe,
+        center: Array,
+        known_by: Sequence[int],
+        excluded_id: int,
+        carried: bool = False,
     ) -> Tie | None:
         """Objects that the keyframe saw and that served as landmarks of a place (3,), map frame, if any.
 
@@ -61,8 +66,19 @@ class Evidence:
         a later one. The age matters: objects met together after a drift confirm each other, but tie none of
         them to what was seen before. Where those near the place do not suffice, as on a table where nothing
         has stayed, those of the next one help.
+
+        carried: where that is out of sight, too, those serve that the camera saw a moment before.
         """
-        seen = list(self._landmarks(keyframe, excluded_id))
+        seen = self._landmarks(keyframe, excluded_id)
+        tie = self._tie_to(seen.values(), center, known_by)
+        if tie is not None or not carried:
+            return tie
+        for earlier in self._memory.shortly_before(keyframe, self._layout.carried_frames):
+            seen = self._landmarks(earlier, excluded_id) | seen
+        return self._tie_to(seen.values(), center, known_by)
+
+    def _tie_to(self, landmarks: Iterable[Anchor], center: Array, known_by: Sequence[int]) -> Tie | None:
+        seen = list(landmarks)
         distances_m = [np.linalg.norm(anchor.observed - center) for anchor in seen]
         radii_m = self._layout.anchor_radius_m, self._layout.far_anchor_radius_m
         for latest, radius_m in product(known_by, radii_m):
@@ -76,14 +92,16 @@ class Evidence:
                 return Tie(tuple(anchors), T_reference_observed)
         return None
 
-    def _landmarks(self, keyframe: SeenKeyframe, excluded_id: int) -> Iterator[Anchor]:
-        """All other objects that the keyframe saw where the map has, or had, them."""
-        T_map_camera = self._memory.poses[keyframe.keyframe_id]
+    def _landmarks(self, keyframe: SeenKeyframe, excluded_id: int) -> dict[int, Anchor]:
+        """All other objects, by their ids, that the keyframe saw where the map has, or had, them."""
+        T_map_camera, landmarks = self._memory.poses[keyframe.keyframe_id], dict[int, Anchor]()
         for seen_id, center_camera in keyframe.centers.items():
             record = self._standing(self._library.resolve(seen_id), keyframe.tick)
             if record is not None and record.object_id != excluded_id:
                 observed = T_map_camera[:3, :3] @ center_camera + T_map_camera[:3, 3]
-                yield Anchor(record.object_id, observed, record.center, record.since_tick)
+                anchor = Anchor(record.object_id, observed, record.center, record.since_tick)
+                landmarks[record.object_id] = anchor
+        return landmarks
 
     def _standing(self, object_id: int, tick: int) -> ObjectRecord | None:
         """The object as it stood at that step: where it is, or, of one that went since, where it was."""
@@ -111,7 +129,7 @@ class Evidence:
             center = transform_points(self._memory.poses[keyframe_id], record.views[keyframe_id].center)
             before = record.since_tick - 1
             known_by = before - self._layout.met_together_frames, before
-            tie = self.tie(keyframe, center, known_by, record.object_id)
+            tie = self.tie(keyframe, center, known_by, record.object_id, carried=True)
             if tie is not None:
                 points = transform_points(tie.T_reference_observed, record.points_of([keyframe_id]))
                 oldest = min(anchor.since_tick for anchor in tie.anchors)
@@ -130,15 +148,25 @@ class Evidence:
         tie = self.tie(keyframe, center, self._met_by(known.last_tick), known.object_id)
         return tie is not None and bool(is_unchanged(center, known.center, tie.anchors, self._layout))
 
-    def sight(self, points: Array, keyframe: SeenKeyframe, known_by: int, excluded_id: int) -> Sight | None:
-        """What the keyframe saw at the points (n, 3), map frame; None if it is no evidence."""
+    def sight(
+        self,
+        points: Array,
+        keyframe: SeenKeyframe,
+        known_by: int,
+        excluded_id: int,
+        carried: bool = False,
+    ) -> Sight | None:
+        """What the keyframe saw at the points (n, 3), map frame; None if it is no evidence.
+
+        carried: see `tie`.
+        """
         if keyframe.depth_mm is None:
             return None
         T_map_camera, center = self._memory.poses[keyframe.keyframe_id], points.mean(axis=0)
         depth_m = (center - T_map_camera[:3, 3]) @ T_map_camera[:3, 2]
         if depth_m > self._free_space.max_range_m + self._layout.anchor_radius_m:
             return None  # whatever the anchors say
-        tie = self.tie(keyframe, center, self._met_by(known_by), excluded_id)
+        tie = self.tie(keyframe, center, self._met_by(known_by), excluded_id, carried)
         if tie is None:
             return None
         T_map_camera = tie.T_reference_observed @ T_map_camera

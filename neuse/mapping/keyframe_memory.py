@@ -1,7 +1,7 @@
 """Memory of keyframes: their latest poses, and what each saw: centres of objects, and depth."""
 
 from bisect import bisect_right
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -78,6 +78,17 @@ class KeyframeMemory:
         index = bisect_right(self._blind_ticks, tick) + _BLIND_FRAMES
         too_late = self._blind_ticks[index] if index < len(self._blind_ticks) else tick + at_most + 1
         return min(tick + at_most, too_late - 1)
+
+    def shortly_before(self, keyframe: SeenKeyframe, at_most: int) -> Iterator[SeenKeyframe]:
+        """Keyframes of the same session at most so many steps before that one, the latest first.
+
+        None from before known objects were out of sight.
+        """
+        last_id, since = keyframe.keyframe_id, self.in_sight_since(keyframe.tick, at_most)
+        for keyframe_id in range(last_id - 1, last_id - 1 - at_most, -1):
+            earlier = self.seen.get(keyframe_id)
+            if earlier is not None and earlier.tick >= since:
+                yield earlier
 
     def nearest_views(
         self, center: Array, ticks: range, max_range_m: float, count: int

@@ -27,6 +27,9 @@ class LayoutParams(CheckedParams):
     met_together_frames: int = param(
         30, "objects met within so many frames, known ones being in sight, were met together", 0, 100000
     )
+    carried_frames: int = param(
+        60, "anchors seen so many frames before still tie a view that has none itself", 0, 100000
+    )
     rotation_prior_m: float = param(
         0.5,
         "lever arm with which the pose estimate's own rotation is held against that of the anchors",

@@ -80,7 +80,9 @@ class Presence:
             self._returned[record.object_id] = self._returned.get(record.object_id, 0) + 1
 
     def _missed(self, record: ObjectRecord, keyframe: SeenKeyframe) -> None:
-        sight = self._evidence.sight(record.points, keyframe, record.last_tick, record.object_id)
+        sight = self._evidence.sight(
+            record.points, keyframe, record.last_tick, record.object_id, carried=True
+        )
         if sight is None:
             return
         count = self._empty.get(record.object_id, 0)

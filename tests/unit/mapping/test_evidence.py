@@ -134,6 +134,26 @@ def test_views_among_older_anchors_are_aligned_by_them(seen):
     assert evidence.anchored_views(newcomer, 6) == []
 
 
+def test_anchors_seen_a_moment_before_tie_a_view_that_has_none_itself(seen):
+    evidence, memory, _ = seen
+    wall = np.full(COARSE, 3.0, dtype=np.float32)
+
+    def look_on(keyframe_id, tick):
+        memory.update(TrackedFrame(0, np.eye(4), np.eye(6), (), CAMERA, wall, keyframe_id), (), tick)
+        return memory.seen[keyframe_id]
+
+    soon = look_on(1, 5 + LayoutParams().carried_frames)
+    assert evidence.sight(BALL, soon, 5, -1) is None
+    assert evidence.sight(BALL, soon, 5, -1, carried=True).is_empty
+    assert evidence.sight(BALL, look_on(2, soon.tick + 1), 5, -1, carried=True) is None
+    of_another_session = look_on(1_000_001, soon.tick)
+    assert evidence.sight(BALL, of_another_session, 5, -1, carried=True) is None
+    blind = TrackedFrame(0, np.eye(4), np.eye(6), (), CAMERA, wall, odometry_only=True)
+    for tick in range(6, 10):
+        memory.update(blind, (), tick)
+    assert evidence.sight(BALL, soon, 5, -1, carried=True) is None
+
+
 def test_keyframes_at_a_place_come_by_age(seen):
     evidence, memory, _ = seen
     wall = np.full(COARSE, 3.0, dtype=np.float32)

@@ -83,7 +83,7 @@ class Eyes:
     def __init__(self):
         self.free = 1.0
 
-    def sight(self, points, keyframe, known_by, excluded_id):
+    def sight(self, points, keyframe, known_by, excluded_id, carried):
         return None if self.free is None else Sight(self.free, 1.0 - self.free, 0.0, FreeSpaceParams())
 
 
