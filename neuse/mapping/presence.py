@@ -21,7 +21,6 @@ class Presence:
     def __init__(self, evidence: Evidence, enough: int) -> None:
         self._evidence, self._enough = evidence, enough
         self._empty: dict[int, int] = {}
-        self._displaced: set[int] = set()
         self._claims: dict[int, tuple[int, int]] = {}  # on places: by whom, and sights of the owner since
         self._returned: dict[int, int] = {}
 
@@ -42,7 +41,8 @@ class Presence:
 
     def is_gone(self, object_id: int) -> bool:
         """The place was seen empty often enough, or another object stands there."""
-        return object_id in self._displaced or self._empty.get(object_id, 0) >= self._enough
+        is_displaced = object_id in self._claims and self._claims[object_id][1] == 0
+        return is_displaced or self._empty.get(object_id, 0) >= self._enough
 
     def has_returned(self, object_id: int) -> bool:
         """An object that was removed has been matched at its place often enough since."""
@@ -50,7 +50,6 @@ class Presence:
 
     def displace(self, object_id: int, by_id: int) -> None:
         """Another object has taken the place: this one is gone until it is matched again."""
-        self._displaced.add(object_id)
         self._claims[object_id] = by_id, 0
 
     def refuted(self) -> list[tuple[int, int]]:
@@ -62,22 +61,20 @@ class Presence:
 
     def forget(self, object_id: int) -> None:
         """What was known no longer holds: the object has moved, returned, or left the map."""
-        self._clear(object_id)
-        self._claims.pop(object_id, None)
-
-    def _clear(self, object_id: int) -> None:
         self._empty.pop(object_id, None)
         self._returned.pop(object_id, None)
-        self._displaced.discard(object_id)
+        self._claims.pop(object_id, None)
 
     def _saw(self, record: ObjectRecord) -> None:
-        if record.is_present:
-            self._clear(record.object_id)
-            if record.object_id in self._claims:
-                by_id, sights = self._claims[record.object_id]
-                self._claims[record.object_id] = by_id, sights + 1
-        else:
-            self._returned[record.object_id] = self._returned.get(record.object_id, 0) + 1
+        object_id = record.object_id
+        if not record.is_present:
+            self._returned[object_id] = self._returned.get(object_id, 0) + 1
+            return
+        claim = self._claims.get(object_id)
+        self.forget(object_id)
+        if claim is not None:
+            by_id, sights = claim
+            self._claims[object_id] = by_id, sights + 1
 
     def _missed(self, record: ObjectRecord, keyframe: SeenKeyframe) -> None:
         sight = self._evidence.sight(

@@ -8,7 +8,7 @@ from neuse.geometry import adjoint, inverse
 from neuse.records import Edge, EdgeKind
 from neuse.slam.checks import is_covariance, is_rigid
 from neuse.slam.keyframe_graph import KeyframeGraph
-from neuse.slam.keyframes import KeyframeLibrary, KeyframeRecord
+from neuse.slam.keyframes import KeyframeLibrary
 from neuse.slam.odometry import NANOSECONDS, Motion
 from neuse.slam.trust import Trust, contradict
 
@@ -31,20 +31,26 @@ class ExternalEdges:
     def __init__(self, tolerance_s: float, counters: Counter[str]) -> None:
         self._tolerance_s, self._counters, self._trust = tolerance_s, counters, Trust()
         self._waiting: list[Edge] = []  # as they came
+        self._since_ns = 0  # when the first of them came
         self._is_patient = True
 
     def accept(self, edges: Sequence[Edge], graph: KeyframeGraph) -> list[Edge]:
         """Those that can be used by now, between our keyframes, with covariances that have proved right."""
-        accepted, waiting_before = list[Edge](), len(self._waiting)
+        accepted = list[Edge]()
         for edge in edges:
             for attached in attach([edge], graph.library, self._tolerance_s, self._counters):
                 if _is_witnessed(attached, graph):
                     accepted += self._judged(attached, graph)
                 else:
-                    self._waiting.append(edge)
-        accepted += self._released(graph)
-        self._counters["external_edge_waiting"] += max(len(self._waiting) - waiting_before, 0)
-        return accepted
+                    self._wait(edge, graph)
+        return accepted + self._released(graph)
+
+    def _wait(self, edge: Edge, graph: KeyframeGraph) -> None:
+        if not self._waiting:
+            self._since_ns = graph.library.records[-1].stamp_ns
+        self._waiting.append(edge)
+        if self._is_patient:
+            self._counters["external_edge_waiting"] += 1
 
     def _judged(self, edge: Edge, graph: KeyframeGraph) -> list[Edge]:
         """An edge between keyframes that are known, unless they contradict."""
@@ -57,20 +63,19 @@ class ExternalEdges:
 
     def _released(self, graph: KeyframeGraph) -> list[Edge]:
         """Those that have waited, once it is known whether they can be trusted, or it seems never to be."""
-        is_known = self._trust.heard >= ENOUGH
-        self._is_patient &= is_known or not self._is_overdue(graph.last)
-        if self._is_patient and not is_known:
+        if not self._waiting:
             return []
+        is_known = self._trust.heard >= ENOUGH
+        waited_s = (graph.library.records[-1].stamp_ns - self._since_ns) * NANOSECONDS
+        if self._is_patient and not is_known and waited_s <= PATIENCE_S:
+            return []
+        self._is_patient = False
         waiting, self._waiting = self._waiting, []
         if is_known and self._trust.factors.max() > HONEST:
             self._counters["external_edge_unwitnessed"] += len(waiting)
             return []
         attached = attach(waiting, graph.library, self._tolerance_s, self._counters)
         return [self._weighed(edge, 1.0 if is_known else DOUBT) for edge in attached]
-
-    def _is_overdue(self, last: KeyframeRecord | None) -> bool:
-        waited_ns = last.stamp_ns - self._waiting[0].to_stamp_ns if last and self._waiting else 0
-        return waited_ns > PATIENCE_S / NANOSECONDS
 
     def _weighed(self, edge: Edge, least: float = 1.0) -> Edge:
         stated = Motion(edge.T_from_to, edge.covariance)

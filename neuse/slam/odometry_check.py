@@ -32,14 +32,12 @@ class OdometryCheck:
     ) -> Motion | None:
         """Motion between two fixes, None where odometry does not tell.    in_sight: of objects."""
         stated = self._odometry.motion(before, after)
-        if stated is None or not self._odometry.params.adapt:
+        if before is None or after is None or stated is None or not self._odometry.params.adapt:
             return stated
-        return self._trust.scaled(stated, 0.0 if in_sight else self._unseen(before, after))
+        return self._trust.scaled(stated, 0.0 if in_sight else self._blind_factors(before, after))
 
-    def _unseen(self, before: OdometryFix | None, after: OdometryFix | None) -> Array:
+    def _blind_factors(self, before: OdometryFix, after: OdometryFix) -> Array:
         """(2,) least factors on the stated variances where no object is in sight."""
-        if before is None or after is None:
-            return np.ones(2)
         bias = self._odometry.params.blind_bias * np.maximum(1.0 - self._trust.factors, 0.0)
         return 1.0 + bias * (after.blindness - before.blindness) / max(1, after.index - before.index)
 

@@ -91,7 +91,7 @@ class ObjectSlam:
                 if track is not None and track.key in record.keys
             }
             edges = self._add_keyframe(record, clouds, located)
-            self.add_external_edges(())
+            self.add_external_edges(())  # those that have waited long enough
         self._predictor.settle(fix, self._tracker.belief)
         self._graph.library.add_frame(frame.stamp_ns, self._tracker.belief.T_map_camera)
         return TrackedFrame(

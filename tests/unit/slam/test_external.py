@@ -64,8 +64,8 @@ class Graph:
 
     def __init__(self, objects, later_s=0.0):
         self.library = library_with([A, B])
-        self.last = replace(self.library.records[-1], stamp_ns=int(later_s * 1e9))
         records = [replace(record, keys=np.arange(objects)) for record in self.library.records]
+        records[-1] = replace(records[-1], stamp_ns=records[-1].stamp_ns + int(later_s * 1e9))
         self.library.records = records
 
     def motion(self, from_id, to_id):
@@ -128,11 +128,18 @@ def test_edge_that_nobody_can_vouch_for_waits_until_others_like_it_have_proved_r
 def test_edge_that_has_waited_for_long_is_taken_in_doubt():
     external, counters = external_after([])
     assert external.accept([STATED], Graph(DARK)) == []
-    assert external.accept([], Graph(DARK, PATIENCE_S - 1.0)) == []
-    (edge,) = external.accept([], Graph(DARK, PATIENCE_S + 1.0))
+    assert external.accept([STATED], Graph(DARK, PATIENCE_S - 1.0)) == []
+    edge, _ = external.accept([], Graph(DARK, PATIENCE_S + 1.0))
     np.testing.assert_allclose(edge.covariance, DOUBT * STATED.covariance, atol=1e-9)
     assert len(external.accept([STATED], Graph(DARK, PATIENCE_S + 1.0))) == 1
-    assert counters["external_edge_waiting"] == 1
+    assert counters["external_edge_waiting"] == 2
+
+
+def test_old_edge_waits_as_long_as_a_new_one():
+    external, _ = external_after([])
+    assert external.accept([STATED], Graph(DARK, 100.0)) == []
+    assert external.accept([], Graph(DARK, 100.0 + PATIENCE_S - 1.0)) == []
+    assert len(external.accept([], Graph(DARK, 100.0 + PATIENCE_S + 1.0))) == 1
 
 
 def test_who_errs_beside_objects_is_not_believed_where_there_are_none():
