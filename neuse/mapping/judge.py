@@ -111,8 +111,11 @@ class Judge:
         return pairs
 
     def _is_same(self, later: ObjectRecord, older: ObjectRecord) -> bool:
+        """Nothing changes where both are still seen, whatever they look like."""
         distance_m = np.linalg.norm(later.center - older.center)
-        return bool(distance_m <= self._params.same_place_m) and later.likeness(older) >= 0.0
+        if distance_m > self._params.same_place_m or later.category != older.category:
+            return False
+        return older.last_tick >= later.since_tick or later.likeness(older) >= 0.0
 
     def _among_anchors(self, record: ObjectRecord) -> Newcomer:
         return Newcomer(record, tuple(self._evidence.anchored_views(record, self._params.discovery_views)))

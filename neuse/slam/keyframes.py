@@ -23,7 +23,7 @@ class KeyframeParams(CheckedParams):
         0.15, "keyframes nearer to each other see objects from one place, metres", 0.0, 10.0
     )
     views: int = param(
-        20, "a keyframe leaves the graph when so many others have seen from its place all it sees", 1, 10**6
+        14, "a keyframe leaves the graph when so many others have seen from its place all it sees", 1, 10**6
     )
 
 

@@ -182,19 +182,21 @@ def similarity(some: Sequence[Shaped], others: Sequence[Shaped]) -> Array:
 
     Descriptors of another length are of another network, whatever its category is called.
     """
-    kinds, other_kinds = [_kind(shaped) for shaped in some], [_kind(shaped) for shaped in others]
-    if len({*kinds, *other_kinds}) == 1 and kinds and other_kinds:
-        return _descriptors(some) @ _descriptors(others).T
     S = np.full((len(some), len(others)), -1.0)
-    for kind in set(kinds) & set(other_kinds):
-        rows = [i for i, own in enumerate(kinds) if own == kind]
-        columns = [m for m, own in enumerate(other_kinds) if own == kind]
-        S[np.ix_(rows, columns)] = similarity([some[i] for i in rows], [others[m] for m in columns])
+    places, other_places = _by_kind(some), _by_kind(others)
+    for kind in places.keys() & other_places.keys():
+        rows, columns = places[kind], other_places[kind]
+        own, theirs = [some[i] for i in rows], [others[m] for m in columns]
+        S[np.array(rows)[:, None], columns] = _descriptors(own) @ _descriptors(theirs).T
     return S
 
 
-def _kind(shaped: Shaped) -> tuple[str, int]:
-    return shaped.category, len(shaped.descriptor)
+def _by_kind(shaped: Sequence[Shaped]) -> dict[tuple[str, int], list[int]]:
+    """{category and length of the descriptors: which of these have it}."""
+    places: dict[tuple[str, int], list[int]] = {}
+    for i, one in enumerate(shaped):
+        places.setdefault((one.category, len(one.descriptor)), []).append(i)
+    return places
 
 
 def _descriptors(alike: Sequence[Shaped]) -> Array:

@@ -24,10 +24,9 @@ class SolverParams(CheckedParams):
         3.0, "scale of the Cauchy kernel on sightings and external edges, sigmas", 0.1, 100.0
     )
     huber_sigmas: float = param(3.0, "threshold of the Huber kernel on edges, sigmas", 0.1, 100.0)
-    relinearize_m_rad: float = param(
-        0.01, "iSAM2 relinearises what moved more than this, m or rad", 1e-6, 1.0
-    )
-    relinearize_every: int = param(5, "solutions between two relinearisations", 1, 1000)
+    relinearize_m: float = param(0.01, "iSAM2 relinearises what moved more than this, m", 1e-6, 1.0)
+    relinearize_rad: float = param(0.003, "iSAM2 relinearises what turned more than this, rad", 1e-6, 1.0)
+    relinearize_every: int = param(10, "solutions between two relinearisations", 1, 1000)
     acceleration_mps2: float = param(
         0.3,
         "the camera moves smoothly: white noise of its acceleration, m/s^2/sqrt(Hz); 0: it may jerk",
@@ -99,19 +98,20 @@ class Smoother:
 
 def _isam_params(params: SolverParams, factorization: str) -> gtsam.ISAM2Params:
     isam_params = gtsam.ISAM2Params()
-    isam_params.setRelinearizeThreshold(_thresholds(params.relinearize_m_rad))
+    isam_params.setRelinearizeThreshold(_thresholds(params))
     isam_params.relinearizeSkip = params.relinearize_every
     isam_params.findUnusedFactorSlots = True
     isam_params.setFactorization(factorization)
     return isam_params
 
 
-def _thresholds(m_rad: float) -> gtsam.ISAM2ThresholdMap:
+def _thresholds(params: SolverParams) -> gtsam.ISAM2ThresholdMap:
     thresholds = gtsam.ISAM2ThresholdMap()
+    rad, m = [params.relinearize_rad] * 3, [params.relinearize_m] * 3
     for letter, least in (
-        (POSE, [m_rad] * 6),
-        (POINT, [m_rad] * 3),
-        (LOOSE_POINT, [LOOSE_FACTOR * m_rad] * 3),
+        (POSE, rad + m),
+        (POINT, m),
+        (LOOSE_POINT, [LOOSE_FACTOR * params.relinearize_m] * 3),
         (VELOCITY, [NEVER] * 3),
         (BIAS, [NEVER] * 6),
     ):

@@ -154,7 +154,7 @@ def test_external_edges_pull(scene):
     run(backend, scene, lambda i: [odometry(i)], wrong=0.0)
     sure = Edge(0, 5, 0, 5, EdgeKind.EXTERNAL, inverse(POSES[0]) @ POSES[5], 1e-5 * np.eye(6))
     backend.add_external([sure])
-    for _ in range(10):
+    for _ in range(2 * SolverParams().relinearize_every):
         backend.solve()
     np.testing.assert_allclose(backend.solve()[5], POSES[5], atol=2e-3)
 

@@ -137,7 +137,10 @@ def test_poses_come_back_in_order_of_their_ids():
 
 def test_incremental_solution_equals_the_batch_solution():
     rng = np.random.default_rng(5)
-    poses, params = poses_on_a_way(rng, 15), SolverParams(relinearize_m_rad=1e-6, relinearize_every=1)
+    poses, params = (
+        poses_on_a_way(rng, 15),
+        SolverParams(relinearize_m=1e-6, relinearize_rad=1e-6, relinearize_every=1),
+    )
     edges, graph = noisy_edges(rng, poses, lags=(1, 2, 7)), PoseGraph(params)
     graph.add_origin(0, poses[0])
     for i, T in enumerate(poses):
@@ -321,7 +324,7 @@ LANDMARKS = np.array([[0.5, 0.5, 2.0], [-0.5, 0.2, 2.5], [0.1, -0.6, 1.5]])
 
 def wandered(n=6):
     """A solved graph with edges, smooth motion and landmarks, and the way it has gone."""
-    params = SolverParams(relinearize_m_rad=1e-6, relinearize_every=1)
+    params = SolverParams(relinearize_m=1e-6, relinearize_rad=1e-6, relinearize_every=1)
     rng, graph = np.random.default_rng(11), PoseGraph(params)
     poses = poses_on_a_way(rng, n)
     graph.add_origin(0, poses[0])
