@@ -2,8 +2,8 @@
 
 The more often a place has been seen, the less one more view of it says; after a dozen or so it need not be
 kept. Thus the graph grows with the space explored and not with time. After the reduced pose graph of
-Johannsson, Kaess, Fallon and Leonard, Temporally Scalable Visual SLAM using a Reduced Pose Graph, 2013: what a
-keyframe that goes knew of others goes over to one nearby that stays.
+Johannsson, Kaess, Fallon and Leonard, Temporally Scalable Visual SLAM using a Reduced Pose Graph, 2013: what
+a keyframe that goes knew of others goes over to one nearby that stays.
 """
 
 from collections import Counter
