@@ -97,9 +97,10 @@ class ChangeDetector:
         """The object has come to a place that was free, or another's."""
         self._come.setdefault(object_id, _Open(stamp_ns))
 
-    def is_waiting(self, object_id: int) -> bool:
-        """Whether it is known to have come, but that has not been reported yet."""
-        return object_id in self._come and self._come[object_id].reported_ns is None
+    @property
+    def waiting(self) -> set[int]:
+        """Objects known to have come, which has not been reported yet."""
+        return {object_id for object_id, entry in self._come.items() if entry.reported_ns is None}
 
     def forget(self, object_id: int) -> None:
         """The id has turned out to mean another object."""
@@ -107,11 +108,17 @@ class ChangeDetector:
         self._come.pop(object_id, None)
 
     def decide(
-        self, library: ObjectLibrary, stamp_ns: int, final: bool, doubtful: Set[int] = frozenset()
+        self,
+        library: ObjectLibrary,
+        stamp_ns: int,
+        final: bool,
+        doubtful: Set[int] = frozenset(),
+        disputed: Set[int] = frozenset(),
     ) -> Decision:
         """What has become certain by now; with `final` also what still waits.
 
         doubtful: newcomers that may have come or been overlooked before, which only their shape can tell.
+        disputed: objects gone only if newcomers that wait are what they seem; not reported as removed yet.
         """
         self._expire(stamp_ns)
         candidates = self._candidates(library, stamp_ns, final) + self._returns(
@@ -121,7 +128,8 @@ class ChangeDetector:
         explained = {move.object_id for move in moves}
         waiting = {newcomer_id for _, newcomer_id, known_id in candidates if known_id not in explained}
         alone = [object_id for object_id in self._come if object_id not in waiting]
-        late = [i for i, e in self._gone.items() if final or stamp_ns - e.since_ns >= self._hold_ns]
+        sure = [(i, entry) for i, entry in self._gone.items() if i not in disputed]
+        late = [i for i, entry in sure if final or stamp_ns - entry.since_ns >= self._hold_ns]
         alone = [i for i in alone if final or stamp_ns - self._come[i].since_ns >= self._hold_ns]
         added, removed = _report(alone, self._come, stamp_ns), _report(late, self._gone, stamp_ns)
         return Decision(tuple(moves), added, removed)

@@ -90,12 +90,6 @@ class Judge:
                 return known.object_id
         return None
 
-    def is_double(self, newcomer_id: int, known_id: int) -> bool:
-        """Whether a newcomer stands about where an object of its category does."""
-        newcomer, known = self._library.records[newcomer_id], self._library.records[known_id]
-        is_near = np.linalg.norm(newcomer.center - known.center) <= _SWEEP_M
-        return bool(is_near) and newcomer.category == known.category
-
     def duplicates(self) -> list[tuple[int, int]]:
         """(duplicate, older object) of every two objects of like shape in one place."""
         present = sorted(

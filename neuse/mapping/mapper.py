@@ -89,9 +89,6 @@ class ObjectMapper:
             seen_ids = self._intake.seen_for_sure(frame, keyframe)
             self._presence.update(keyframe, self._memory, self._library, seen_ids)
             self._judge_newcomers(set(keyframe.centers))
-            for newcomer_id, known_id in self._presence.refuted():
-                if self._detector.is_waiting(newcomer_id) and self._judge.is_double(newcomer_id, known_id):
-                    self._merge(newcomer_id, known_id)
         if frame.loop_closed:
             self.merge_duplicates()
         return self._detect_changes(final=False)
@@ -219,11 +216,20 @@ class ObjectMapper:
     def _detect_changes(self, final: bool) -> tuple[ObjectChange, ...]:
         """Pair what went with what came, and report what has become certain."""
         changes = self._note_presence()
-        decision = self._detector.decide(self._library, self._stamp_ns, final, self._doubtful)
+        disputed = self._presence.disputed(self._detector.waiting)
+        decision = self._detector.decide(self._library, self._stamp_ns, final, self._doubtful, disputed)
         changes += [self._move(move) for move in decision.moves]
-        changes += [self._change(object_id, ChangeKind.ADDED) for object_id in decision.added]
+        added = [object_id for object_id in decision.added if not self._is_known_after_all(object_id)]
+        changes += [self._change(object_id, ChangeKind.ADDED) for object_id in added]
         changes += [self._change(object_id, ChangeKind.REMOVED) for object_id in decision.removed]
         return tuple(changes)
+
+    def _is_known_after_all(self, object_id: int) -> bool:
+        """What has come for sure may look like an object that stands there, now that more has been seen."""
+        known_id = self._judge.judge(self._library.records[object_id]).duplicate_of
+        if known_id is not None:
+            self._merge(object_id, known_id)
+        return known_id is not None
 
     def _note_presence(self) -> list[ObjectChange]:
         """Tell the detector who is gone. An object called removed that is matched again has been added."""

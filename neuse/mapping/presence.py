@@ -21,7 +21,7 @@ class Presence:
     def __init__(self, evidence: Evidence, enough: int) -> None:
         self._evidence, self._enough = evidence, enough
         self._empty: dict[int, int] = {}
-        self._claims: dict[int, tuple[int, int]] = {}  # on places: by whom, and sights of the owner since
+        self._claims: dict[int, int] = {}  # {object: by whom its place was taken}
         self._returned: dict[int, int] = {}
 
     def update(
@@ -41,8 +41,11 @@ class Presence:
 
     def is_gone(self, object_id: int) -> bool:
         """The place was seen empty often enough, or another object stands there."""
-        is_displaced = object_id in self._claims and self._claims[object_id][1] == 0
-        return is_displaced or self._empty.get(object_id, 0) >= self._enough
+        return object_id in self._claims or self._is_empty(object_id)
+
+    def disputed(self, waiting: Set[int]) -> set[int]:
+        """Objects whose places were not seen empty, only taken by others that wait to be reported."""
+        return {i for i, by_id in self._claims.items() if by_id in waiting and not self._is_empty(i)}
 
     def has_returned(self, object_id: int) -> bool:
         """An object that was removed has been matched at its place often enough since."""
@@ -50,14 +53,7 @@ class Presence:
 
     def displace(self, object_id: int, by_id: int) -> None:
         """Another object has taken the place: this one is gone until it is matched again."""
-        self._claims[object_id] = by_id, 0
-
-    def refuted(self) -> list[tuple[int, int]]:
-        """(other, object) of objects matched often enough in places that others were said to have taken."""
-        refuted = [(by_id, i) for i, (by_id, sights) in self._claims.items() if sights >= self._enough]
-        for _, object_id in refuted:
-            del self._claims[object_id]
-        return refuted
+        self._claims[object_id] = by_id
 
     def forget(self, object_id: int) -> None:
         """What was known no longer holds: the object has moved, returned, or left the map."""
@@ -70,11 +66,10 @@ class Presence:
         if not record.is_present:
             self._returned[object_id] = self._returned.get(object_id, 0) + 1
             return
-        claim = self._claims.get(object_id)
         self.forget(object_id)
-        if claim is not None:
-            by_id, sights = claim
-            self._claims[object_id] = by_id, sights + 1
+
+    def _is_empty(self, object_id: int) -> bool:
+        return self._empty.get(object_id, 0) >= self._enough
 
     def _missed(self, record: ObjectRecord, keyframe: SeenKeyframe) -> None:
         sight = self._evidence.sight(

@@ -76,9 +76,9 @@ def test_newcomer_of_another_shape_is_added_and_the_gone_one_removed_after_a_whi
     detector.note_gone(1, S)
     detector.note_come(2, 0)
     assert decide(detector, library, HOLD - 1) == NOTHING
-    assert detector.is_waiting(2)
+    assert detector.waiting == {2}
     assert decide(detector, library, HOLD) == ([], [2], [])
-    assert not detector.is_waiting(2)
+    assert detector.waiting == set()
     assert decide(detector, library, S + HOLD - 1) == NOTHING
     assert decide(detector, library, S + HOLD) == ([], [], [1])
     assert decide(detector, library, S + HOLD, final=True) == NOTHING
@@ -269,3 +269,10 @@ def test_what_went_and_came_back_before_it_moved_stays_reported():
 def test_what_comes_after_a_move_is_kept():
     move, later = change(ChangeKind.MOVED, 1, merged_id=2), change(ChangeKind.REMOVED, 1)
     assert settled_changes([move, later]) == (move, later)
+
+
+def test_what_is_gone_only_if_a_newcomer_is_what_it_seems_waits(detector):
+    library = library_of((1, 5, 0, 3))
+    detector.note_gone(1, 0)
+    assert detector.decide(library, PENDING, True, disputed={1}).removed == ()
+    assert detector.decide(library, PENDING, False).removed == (1,)

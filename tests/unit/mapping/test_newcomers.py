@@ -248,6 +248,33 @@ def test_what_was_taken_for_another_for_a_moment_is_still_itself(off_m):
     world.remove("other")
     world.add(thing)
     world.ids["a"] = first_id
+    world.tour(orbit(count=40))
+    assert world.finish() == []
+
+
+@pytest.mark.parametrize("off_m", [0.03, 0.04, 0.05])
+def test_what_stands_where_an_object_is_still_seen_has_not_come(off_m):
+    """Both cannot be: it is that object, badly seen."""
+    world = make_world()
+    world.tour(orbit(count=16))
+    x, y = world.thing("a").T_world_object[:2, 3]
+    world.wait(3.0)
+    world.add(standing("ghost", x + off_m, y, seed=9))
+    world.tour(orbit(count=40))
+    assert "ghost" in world.ids
+    assert world.finish() == []
+
+
+def test_likeness_to_an_object_elsewhere_alone_does_not_tell_an_exchange():
+    """On the second visit one looks somewhat like itself and just like another, out of sight; depth shows no
+    change.
+    """
+    a = five_things()[0]
+    far = lookalike(standing("z", 6.0, 0.0), like=a.shape_seed, seed=1, share=0.7)
+    world = make_world([*five_things(), far], tables=((0.0, 0.0, 0.6), (6.0, 0.0, 0.6)))
+    world.tour([*orbit(count=16), *orbit(x=6.0, count=16)])
+    look_away(world)
+    disguise("a", share=0.7)(world)
     world.tour(orbit(count=16))
     assert world.finish() == []
 

@@ -140,22 +140,20 @@ def test_displaced_object_is_gone_until_it_is_matched(watched):
     assert not watch(watched, 0.0, seen_ids=[5])
 
 
-def test_claim_on_a_place_is_refuted_by_enough_matches_of_its_owner(watched):
+def test_what_is_only_displaced_is_disputed_while_the_other_waits(watched):
     presence = watched[0]
     presence.displace(5, 6)
-    watch(watched, 0.0, count=2, seen_ids=[5])
-    assert presence.refuted() == []
+    assert presence.disputed({6, 7}) == {5}
+    assert presence.disputed({7}) == set()
+    watch(watched, 1.0, count=3)
+    assert presence.disputed({6}) == set()
+
+
+def test_claim_on_a_place_ends_with_a_sight_of_its_owner(watched):
+    presence = watched[0]
+    presence.displace(5, 6)
     watch(watched, 0.0, seen_ids=[5])
-    assert presence.refuted() == [(6, 5)]
-    assert presence.refuted() == []
-
-
-def test_claim_on_the_place_of_what_has_moved_is_settled(watched):
-    presence = watched[0]
-    presence.displace(5, 6)
-    presence.forget(5)
-    watch(watched, 0.0, count=5, seen_ids=[5])
-    assert presence.refuted() == []
+    assert presence.disputed({6}) == set()
 
 
 def test_place_out_of_view_is_not_judged(watched):
