@@ -26,7 +26,7 @@ class SolverParams(CheckedParams):
     huber_sigmas: float = param(3.0, "threshold of the Huber kernel on edges, sigmas", 0.1, 100.0)
     relinearize_m: float = param(0.01, "iSAM2 relinearises what moved more than this, m", 1e-6, 1.0)
     relinearize_rad: float = param(0.003, "iSAM2 relinearises what turned more than this, rad", 1e-6, 1.0)
-    relinearize_every: int = param(10, "solutions between two relinearisations", 1, 1000)
+    relinearize_every: int = param(5, "solutions between two relinearisations", 1, 1000)
     acceleration_mps2: float = param(
         0.3,
         "the camera moves smoothly: white noise of its acceleration, m/s^2/sqrt(Hz); 0: it may jerk",
