@@ -221,7 +221,8 @@ class ObjectMapper:
         changes += [self._move(move) for move in decision.moves]
         added = [object_id for object_id in decision.added if not self._is_known_after_all(object_id)]
         changes += [self._change(object_id, ChangeKind.ADDED) for object_id in added]
-        changes += [self._change(object_id, ChangeKind.REMOVED) for object_id in decision.removed]
+        removed = [object_id for object_id in decision.removed if self._presence.is_gone(object_id)]
+        changes += [self._change(object_id, ChangeKind.REMOVED) for object_id in removed]
         return tuple(changes)
 
     def _is_known_after_all(self, object_id: int) -> bool:
