@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from neuse.geometry import Array
+from neuse.mapping.change_detection import ChangeDetector, Decision
+from neuse.mapping.judge import Judge, Origin, Verdict
 from neuse.records import ChangeKind
 
 from .synthetic import (
@@ -303,3 +305,16 @@ def test_trade_of_places_is_seen_through_drift(off_m):
     off = np.array([0.0, 0.0, 0.0, off_m, 0.0, 0.0])
     world = make_world(drift=lambda frame: off * (frame >= 16))
     assert revisit(world, swap("a", "b")) == [(MOVED, "a"), (MOVED, "b")]
+
+
+def test_what_turns_out_to_be_there_after_all_is_not_removed(monkeypatch):
+    """In the very step in which its removal is due, a newcomer is found to be it."""
+    world = make_world()
+    world.tour(orbit(count=16))
+    known_id, newcomer_id = world.ids["a"], world.ids["b"]
+    due = Decision((), added=(newcomer_id,), removed=(known_id,))
+    monkeypatch.setattr(ChangeDetector, "decide", lambda *_: due)
+    monkeypatch.setattr(Judge, "judge", lambda *_: Verdict(Origin.DUPLICATE, duplicate_of=known_id))
+    world.step(orbit(count=16)[0])
+    assert world.changes == []
+    assert newcomer_id not in {known.object_id for known in world.mapper.object_map.objects}
