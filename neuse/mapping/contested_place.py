@@ -14,7 +14,7 @@ from neuse.records import ObjectStatus
 _ALIKE = 3.0  # likeness of one object, not of one of twenty
 _STAYS = 3.0  # evidence of no change: most objects stay where they are
 _LATELY_FRAMES = 300  # and what has come within so many hardly goes again
-_FROM_ELSEWHERE = 3.0  # most that it tells that a newcomer looks like an object of another place
+_FROM_ELSEWHERE = 3.0  # most that it counts that a newcomer looks like an object of another place
 _UNKNOWN = 3.0  # evidence against an exchange for something never seen that fills the very same place
 
 
@@ -29,14 +29,15 @@ class ContestedPlace:
         self._params, self._upkeep = params, upkeep
 
     def is_duplicate(self, newcomer: Newcomer, known: ObjectRecord) -> bool:
-        """In one place relative to the anchors (IV-D), or both cannot stand; and alike, or both still seen.
+        """In one place relative to the anchors (IV-D), or both cannot be; and alike, or both still seen.
 
         While both are seen, nothing has changed: two objects in one place are one, whatever it looked like.
         """
         in_place = self._is_in_place(newcomer, known)
         if _is_seen_still(known, newcomer):
-            overlap = newcomer.record.category == known.category and self._overlap(newcomer, known)
-            return in_place or overlap or self._is_partial(newcomer.record, known)
+            of_one_kind = newcomer.record.category == known.category
+            exclusive = of_one_kind and self._are_exclusive(newcomer, known)
+            return in_place or exclusive or self._is_partial(newcomer.record, known)
         if in_place:
             return not self._is_other(newcomer, known)
         return self._collide(newcomer, known) and not self._is_exchange(newcomer, known)
@@ -85,10 +86,11 @@ class ContestedPlace:
         return is_residual(box, known_box, self._upkeep) or is_residual(known_box, box, self._upkeep)
 
     def _collide(self, newcomer: Newcomer, known: ObjectRecord) -> bool:
-        """Whether both cannot stand where they are (appendix), by anchors known when the older was seen."""
-        return newcomer.tied_since <= known.last_tick and self._overlap(newcomer, known)
+        """Whether both cannot stand where they are, by anchors known when the older was seen."""
+        return newcomer.tied_since <= known.last_tick and self._are_exclusive(newcomer, known)
 
-    def _overlap(self, newcomer: Newcomer, known: ObjectRecord) -> bool:
+    def _are_exclusive(self, newcomer: Newcomer, known: ObjectRecord) -> bool:
+        """Whether both cannot stand where they are (appendix), by the latest anchors."""
         box = self._box(newcomer.record).moved(newcomer.views[-1].T_reference_observed)
         return is_displaced(self._box(known), box, self._upkeep)
 

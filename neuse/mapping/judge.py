@@ -105,7 +105,7 @@ class Judge:
         return pairs
 
     def _is_same(self, later: ObjectRecord, older: ObjectRecord) -> bool:
-        """Nothing changes where both are still seen, whatever they look like."""
+        """In one place, and alike or both still seen: then nothing has changed, whatever they look like."""
         distance_m = np.linalg.norm(later.center - older.center)
         if distance_m > self._params.same_place_m or later.category != older.category:
             return False

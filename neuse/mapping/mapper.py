@@ -211,6 +211,7 @@ class ObjectMapper:
         """One object under two ids."""
         self._library.merge(duplicate_id, kept_id)
         self._forget(duplicate_id)
+        self._presence.withdraw(duplicate_id)
         self._presence.forget(kept_id)
 
     def _detect_changes(self, final: bool) -> tuple[ObjectChange, ...]:

@@ -55,6 +55,10 @@ class Presence:
         """Another object has taken the place: this one is gone until it is matched again."""
         self._claims[object_id] = by_id
 
+    def withdraw(self, by_id: int) -> None:
+        """That object has taken no place: it is one known before."""
+        self._claims = {i: claimant for i, claimant in self._claims.items() if claimant != by_id}
+
     def forget(self, object_id: int) -> None:
         """What was known no longer holds: the object has moved, returned, or left the map."""
         self._empty.pop(object_id, None)
@@ -62,11 +66,10 @@ class Presence:
         self._claims.pop(object_id, None)
 
     def _saw(self, record: ObjectRecord) -> None:
-        object_id = record.object_id
-        if not record.is_present:
-            self._returned[object_id] = self._returned.get(object_id, 0) + 1
-            return
-        self.forget(object_id)
+        if record.is_present:
+            self.forget(record.object_id)
+        else:
+            self._returned[record.object_id] = self._returned.get(record.object_id, 0) + 1
 
     def _is_empty(self, object_id: int) -> bool:
         return self._empty.get(object_id, 0) >= self._enough

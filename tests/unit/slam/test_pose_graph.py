@@ -137,10 +137,8 @@ def test_poses_come_back_in_order_of_their_ids():
 
 def test_incremental_solution_equals_the_batch_solution():
     rng = np.random.default_rng(5)
-    poses, params = (
-        poses_on_a_way(rng, 15),
-        SolverParams(relinearize_m=1e-6, relinearize_rad=1e-6, relinearize_every=1),
-    )
+    params = SolverParams(relinearize_m=1e-6, relinearize_rad=1e-6, relinearize_every=1)
+    poses = poses_on_a_way(rng, 15)
     edges, graph = noisy_edges(rng, poses, lags=(1, 2, 7)), PoseGraph(params)
     graph.add_origin(0, poses[0])
     for i, T in enumerate(poses):
