@@ -13,7 +13,8 @@ from neuse.geometry import Array
 from neuse.params import CheckedParams, param
 from neuse.records import NO_ID, Edge, TrackedFrame, TrackedObservation
 from neuse.slam.prior_map import MAX_HELD_FRAMES, PriorMap, in_their_places
-from neuse.slam.relocalization import RelocalizationParams, Relocalizer
+from neuse.slam.relocalization import RelocalizationParams
+from neuse.slam.relocalizer import Relocalizer
 from neuse.slam.slam import ObjectSlam
 
 

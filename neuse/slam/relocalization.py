@@ -3,18 +3,19 @@
 Pairs of a track of the session and an object of the map that are alike in shape are vertices of a graph;
 edges join pairs whose mutual distance, axes and offsets agree, and the largest clique is the answer. Unlike
 within a session there is no expectation of the pose, so that chance has to be ruled out: a layout counts only
-if so few would arise by chance in this very map (an a-contrario test), if no other one rivals it, if more
-objects are in their places than are not, if it is found again and again, and if it tells the camera's pose.
+if so few would agree so well by chance in this very map (an a-contrario test), if no other one rivals it, and
+if more objects are in their places than are not.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import comb
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from neuse.errors import DegenerateGeometryError
-from neuse.geometry import Array, adjoint, inverse, rotation_angle, transform_points
+from neuse.geometry import Array, transform_points
 from neuse.params import CheckedParams, param
 from neuse.slam.clique import match_weights, max_weight_clique
 from neuse.slam.layout import angles_between
@@ -27,7 +28,10 @@ from neuse.slam.track import Track, heights_of, places_of, sigmas_of
 TRACK_SIGMAS = np.array([0.03, 0.03, 0.15, 0.005, 0.005, 0.005])  # of places, as ObjectFrames.sigmas
 LEAN = 0.1  # of axes, as a share of the distance to another object
 NEIGHBOURHOOD_M = 0.3  # in which objects stand as densely as they do where there are any
-SAME_POSE_M, SAME_POSE_RAD = 0.05, 0.05
+FITTED = (
+    2.0  # a pose fitted to objects has them that much nearer to their places than another object would be
+)
+PRECISION_M = 0.005  # two that agree better than this do so by chance
 
 
 @dataclass(frozen=True)
@@ -48,11 +52,11 @@ class RelocalizationParams(CheckedParams):
     )
     max_rms_m: float = param(0.015, "residual of the whole layout, metres", 0.001, 1.0)
     max_false_alarms: float = param(
-        0.003, "so many layouts as large as this may be expected to agree by chance", 0.0, 1.0
+        0.003, "so many layouts like this may be expected to agree by chance", 0.0, 1.0
     )
     confirmations: int = param(3, "times in a row that the same place must be found", 1, 100)
-    max_sigma_m: float = param(0.025, "the camera's position there is known within this, metres", 1e-3, 10.0)
-    max_sigma_rad: float = param(0.02, "and its rotation within this, rad", 1e-3, 3.15)
+    max_sigma_m: float = param(0.04, "the camera's position there is known within this, metres", 1e-3, 10.0)
+    max_sigma_rad: float = param(0.03, "and its rotation within this, rad", 1e-3, 3.15)
 
 
 @dataclass(frozen=True)
@@ -67,49 +71,6 @@ class Place:
     covariance: Array
     matches: dict[int, int]
     false_alarms: float
-
-
-class Relocalizer:
-    """Looks for a session's place in a map, and believes it when it is found several times in a row."""
-
-    def __init__(self, params: RelocalizationParams | None = None) -> None:
-        self.params = params or RelocalizationParams()
-        self._last: Place | None = None
-        self._times = 0
-
-    def look(self, tracks: Sequence[Track], prior: PriorMap, T_session_camera: Array) -> Place | None:
-        """The session's place, once it is certain.
-
-        tracks: of the session, the last seen first.    T_session_camera: (4, 4) where the camera is now.
-        """
-        place = find_place(tracks, prior, self.params)
-        again = place is not None and self._is_as_before(place, T_session_camera)
-        self._times = self._times + 1 if again else 0 if place is None else 1
-        self._last = place
-        if place is None or self._times < self.params.confirmations:
-            return None
-        return place if self._is_precise(place, T_session_camera) else None
-
-    def _is_precise(self, place: Place, T_session_camera: Array) -> bool:
-        """Whether it tells where the camera is: few objects in one line, or far away, hardly do."""
-        A = adjoint(inverse(T_session_camera))
-        variances = np.diag(A @ place.covariance @ A.T)
-        sigma_rad, sigma_m = np.sqrt([variances[:3].sum(), variances[3:].sum()])
-        return bool(sigma_m <= self.params.max_sigma_m and sigma_rad <= self.params.max_sigma_rad)
-
-    def forget(self) -> None:
-        """Begin anew."""
-        self._last, self._times = None, 0
-
-    def _is_as_before(self, place: Place, T_session_camera: Array) -> bool:
-        """Whether it puts the camera where the last one did."""
-        if self._last is None:
-            return False
-        T_before_now = inverse(self._last.T_map_session @ T_session_camera) @ (
-            place.T_map_session @ T_session_camera
-        )
-        near = np.linalg.norm(T_before_now[:3, 3]) <= SAME_POSE_M
-        return bool(near and rotation_angle(T_before_now[:3, :3]) <= SAME_POSE_RAD)
 
 
 def find_place(tracks: Sequence[Track], prior: PriorMap, params: RelocalizationParams) -> Place | None:
@@ -128,9 +89,12 @@ def find_place(tracks: Sequence[Track], prior: PriorMap, params: RelocalizationP
     alignment = _alignment(seen[rows[clique]], prior.frames[columns[clique]], params)
     if alignment is None:
         return None
-    matches = _explained(alignment.T_b_a, seen, prior, shapes, params)
-    false_alarms = _false_alarms(len(clique), agree, rows, len(tracks), prior, params)
-    contradicting = sum(track.confirmed and row not in matches for row, track in enumerate(tracks))
+    placed = transform_points(alignment.T_b_a, seen.centers)
+    matches = _explained(placed, prior, shapes, params)
+    off_m = float(np.linalg.norm(placed[rows[clique]] - prior.centers[columns[clique]], axis=1).max())
+    within_m = min(max(FITTED * off_m, PRECISION_M), params.tolerance_m)
+    false_alarms = _false_alarms(len(clique), agree, rows, len(tracks), prior, within_m)
+    contradicting = _n_contradicting(tracks, prior, placed, matches)
     if false_alarms > params.max_false_alarms or len(matches) <= contradicting:
         return None
     named = {tracks[row].key: prior.ids[column] for row, column in matches.items()}
@@ -209,11 +173,11 @@ def _alignment(seen: ObjectFrames, known: ObjectFrames, params: RelocalizationPa
     return alignment if fits else None
 
 
-def _explained(
-    T_map_session: Array, seen: ObjectFrames, prior: PriorMap, shapes: Array, params: RelocalizationParams
-) -> dict[int, int]:
-    """{row: column} of what stands in the place of an object of the map and is like it, nearest first."""
-    placed = transform_points(T_map_session, seen.centers)
+def _explained(placed: Array, prior: PriorMap, shapes: Array, params: RelocalizationParams) -> dict[int, int]:
+    """{row: column} of what stands in the place of an object of the map and is like it, nearest first.
+
+    placed: (n, 3) centres of the session's objects, metres, frame `map`.
+    """
     distances_m = np.linalg.norm(placed[:, None] - prior.centers[None], axis=-1)
     near = (distances_m <= 2 * params.tolerance_m) & (shapes >= params.similarity_min)
     matches: dict[int, int] = {}
@@ -223,10 +187,23 @@ def _explained(
     return matches
 
 
+def _n_contradicting(
+    tracks: Sequence[Track], prior: PriorMap, placed: Array, matches: Mapping[int, int]
+) -> int:
+    """How many objects are not where the other of map and session has them.
+
+    Either may be young and lack what its camera has not seen yet. So what one of them has alone speaks
+    against a place only as far as the other one, too, has objects alone there.
+    """
+    new = sum(track.confirmed and row not in matches for row, track in enumerate(tracks))
+    near = (cdist(prior.centers, placed) <= NEIGHBOURHOOD_M).any(axis=1)
+    return min(new, int(near.sum()) - len(matches))
+
+
 def _false_alarms(
-    n: int, agree: np.ndarray, rows: np.ndarray, n_tracks: int, prior: PriorMap, params: RelocalizationParams
+    n: int, agree: np.ndarray, rows: np.ndarray, n_tracks: int, prior: PriorMap, within_m: float
 ) -> float:
-    """Layouts of n objects to be expected if this were another place.
+    """Layouts of n objects, all within so much of their places, to be expected if this were another place.
 
     Two pairs that agree give a pose, right or wrong. Under a wrong one a further object of the session finds
     one of its candidates where it looks for it as often as there is one in so small a part of a table.
@@ -234,5 +211,5 @@ def _false_alarms(
     poses = agree.sum() / 2
     density = (1.0 + prior.neighbours(NEIGHBOURHOOD_M)) / NEIGHBOURHOOD_M**2  # objects in pi m^2
     share = len(rows) / n_tracks / len(prior)  # of the objects that are candidates of one of the session
-    chance = min(share * density * params.tolerance_m**2, 1.0)
+    chance = min(share * density * within_m**2, 1.0)
     return float(poses * comb(n_tracks - 2, n - 2) * chance ** (n - 2))

@@ -9,7 +9,8 @@ import pytest
 from neuse.geometry import Array, exp, inverse, make_transform, rotation_angle
 from neuse.slam.object_frames import reduce_codes
 from neuse.slam.prior_map import PriorMap
-from neuse.slam.relocalization import RelocalizationParams, Relocalizer, find_place, same_arrangement
+from neuse.slam.relocalization import RelocalizationParams, find_place, same_arrangement
+from neuse.slam.relocalizer import Relocalizer
 from neuse.slam.track import LastSighting, Track
 
 from .known_maps import ELSEWHERE, FIRST_ID, SIGMAS, map_of
@@ -117,11 +118,29 @@ def test_two_objects_are_no_place():
 
 def test_as_many_objects_out_of_place_as_in_place_are_a_doubt():
     known = small_world(1).things
-    strangers = [moved(thing, [3.0 + i, i * i, 0.0]) for i, thing in enumerate(known[6:])]
-    tracks = tracks_of([*known[:6], *strangers])
-    assert find_place(tracks, prior_of(known[:6]), PARAMS) is None
+    offsets_m = np.random.default_rng(1).uniform(0.05, 0.15, (6, 3))
+    moved_away = [moved(thing, offset_m) for thing, offset_m in zip(known[6:], offsets_m, strict=True)]
+    tracks = tracks_of([*known[:6], *moved_away])
+    assert find_place(tracks, prior_of(known), PARAMS) is None
     tracks[-1].confirmed = False  # it may be nothing
-    assert_right(find_place(tracks, prior_of(known[:6]), PARAMS))
+    assert_right(find_place(tracks, prior_of(known), PARAMS))
+
+
+def test_objects_that_only_one_of_map_and_session_has_met_are_no_doubt():
+    things = small_world(1).things
+    for seen, known in [(things, things[:4]), (things[:4], things)]:
+        place = find_place(tracks_of(seen, 0.001), prior_of(known), PARAMS)
+        assert_right(place)
+        assert place.matches == names(things[:4])
+
+
+def test_layout_that_agrees_closely_is_hardly_chance():
+    things = small_world(2).things[:4]
+
+    def alarms(noise_m: float) -> float:
+        return find_place(tracks_of(things, noise_m, seed=1), prior_of(things), PARAMS).false_alarms
+
+    assert alarms(0.0) == alarms(0.0005) < alarms(0.004) < alarms(0.008)
 
 
 def test_what_chance_may_do_grows_with_the_number_of_like_objects():
