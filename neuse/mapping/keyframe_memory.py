@@ -41,6 +41,7 @@ class KeyframeMemory:
         self.poses: dict[int, Array] = {NO_ID: np.eye(4)}
         self.seen: dict[int, SeenKeyframe] = {}
         self._max_depths = max_depths
+        self._with_depth: list[SeenKeyframe] = []  # in the order in which they came
         self._blind_ticks: list[int] = []  # steps at which no known object was in sight
         self._latest = NO_ID
 
@@ -54,13 +55,18 @@ class KeyframeMemory:
         if frame.keyframe_id != NO_ID:
             latest.setdefault(frame.keyframe_id, frame.T_map_camera)
             self._latest = frame.keyframe_id
-            self.seen[frame.keyframe_id] = SeenKeyframe(
-                frame.keyframe_id, tick, frame.intrinsics, _to_millimetres(frame.coarse_depth_m)
-            )
-            self._forget_a_depth()
+            depth_mm = _to_millimetres(frame.coarse_depth_m)
+            self.add(SeenKeyframe(frame.keyframe_id, tick, frame.intrinsics, depth_mm))
         moved = self._moved(latest)
         self.poses |= {i: T for i, T in latest.items() if i in moved or i not in self.poses}
         return moved
+
+    def add(self, keyframe: SeenKeyframe) -> None:
+        """Store a keyframe that came after all others."""
+        self.seen[keyframe.keyframe_id] = keyframe
+        if keyframe.depth_mm is not None:
+            self._with_depth.append(keyframe)
+            self._keep_to_limit()
 
     def reference(self, frame: TrackedFrame) -> tuple[int, Array]:
         """The keyframe to which a frame's views are tied, and T_keyframe_camera of the frame."""
@@ -94,7 +100,7 @@ class KeyframeMemory:
         self, center: Array, ticks: range, max_range_m: float, count: int
     ) -> list[SeenKeyframe]:
         """The `count` keyframes with depth of those steps nearest to a place (3,) that is in view."""
-        candidates = [k for k in self.seen.values() if k.depth_mm is not None and k.tick in ticks]
+        candidates = [keyframe for keyframe in self._with_depth if keyframe.tick in ticks]
         if not candidates:
             return []
         T_camera_map = inverse(np.stack([self.poses[k.keyframe_id] for k in candidates]))
@@ -113,11 +119,11 @@ class KeyframeMemory:
         change = np.array([latest[i] for i in ids]) - np.array([self.poses[i] for i in ids])
         return {ids[i] for i in np.flatnonzero(np.abs(change).max(axis=(1, 2)) > _MOVED)}
 
-    def _forget_a_depth(self) -> None:
-        """Keep to the limit: let go of the depth image that leaves the smallest gap."""
-        with_depth = [keyframe for keyframe in self.seen.values() if keyframe.depth_mm is not None]
-        if len(with_depth) > self._max_depths:
-            with_depth[most_redundant([keyframe.tick for keyframe in with_depth])].depth_mm = None
+    def _keep_to_limit(self) -> None:
+        """Let go of the depth image that leaves the smallest gap."""
+        if len(self._with_depth) > self._max_depths:
+            index = most_redundant([keyframe.tick for keyframe in self._with_depth])
+            self._with_depth.pop(index).depth_mm = None
 
 
 def most_redundant(ticks: Sequence[int]) -> int:

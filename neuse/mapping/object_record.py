@@ -35,11 +35,14 @@ class ObjectRecord:
     n_observations: int = 0
     status: ObjectStatus = ObjectStatus.UNCHANGED
     views: dict[int, View] = field(default_factory=dict)
-    seen_well: bool = False
     last_sure_ns: int = _NEVER_NS
+    seen_well: bool = field(init=False)
     _code: Code | None = None
     _center: Array | None = None
     _points: Array | None = None
+
+    def __post_init__(self) -> None:
+        self.seen_well = any(tells_shape(view.code) for view in self.views.values())
 
     @property
     def is_present(self) -> bool:
@@ -126,6 +129,7 @@ class ObjectRecord:
     def take_views(self, duplicate: "ObjectRecord") -> None:
         """Keep the views of a record of the same object beside the own ones, no more than the larger had."""
         most = max(len(self.views), len(duplicate.views), 3)
+        self.seen_well |= duplicate.seen_well
         views = duplicate.views | self.views
         self.views = {}
         for keyframe_id in sorted(views):

@@ -36,8 +36,10 @@ def restore(stored: StoredMap, library: ObjectLibrary, memory: KeyframeMemory) -
     first_id = NO_ID - len(stored.keyframes)
     for keyframe_id, keyframe in enumerate(stored.keyframes, first_id):
         memory.poses[keyframe_id] = keyframe.T_map_camera
-        memory.seen[keyframe_id] = SeenKeyframe(
-            keyframe_id, keyframe.tick, keyframe.intrinsics, keyframe.depth_mm, dict(keyframe.centers)
+        memory.add(
+            SeenKeyframe(
+                keyframe_id, keyframe.tick, keyframe.intrinsics, keyframe.depth_mm, dict(keyframe.centers)
+            )
         )
     for known in stored.objects:
         library.records[known.object_id] = ObjectRecord(

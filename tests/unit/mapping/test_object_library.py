@@ -151,3 +151,20 @@ def test_poor_view_that_looks_otherwise_does_not_show_that_an_object_never_seen_
     assert known.last_tick == 1
     known.seen(3, 300, poor)
     assert known.last_tick == 3
+
+
+def test_poor_view_does_not_show_that_an_object_seen_well_in_an_earlier_run_is_still_there():
+    clear = record(1, poses(2), last_tick=1)
+    code = replace(clear.views[0].code, sigmas=np.full(6, 0.001))
+    known = replace(clear, views={0: replace(clear.views[0], code=code)})
+    known.seen(2, 200, replace(code, sigmas=np.full(6, 0.05)))
+    assert known.last_tick == 1
+
+
+def test_poor_view_does_not_show_that_an_object_is_still_there_whose_duplicate_was_seen_well():
+    known, duplicate = (record(i, poses(2), last_tick=1) for i in (1, 2))
+    clear = replace(duplicate.views[0].code, sigmas=np.full(6, 0.001))
+    duplicate.seen(2, 200, clear)
+    known.take_views(duplicate)
+    known.seen(3, 300, replace(clear, sigmas=np.full(6, 0.05)))
+    assert known.last_tick == 1
