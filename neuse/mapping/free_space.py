@@ -32,6 +32,9 @@ class FreeSpaceParams(CheckedParams):
     empty_share: float = param(
         0.5, "a place is empty when this share of its points is seen through", 0.05, 1.0
     )
+    partly_empty_share: float = param(
+        0.2, "so much, and more than has a surface, is half as good evidence", 0.05, 1.0
+    )
     taken_share: float = param(
         0.25, "a place is taken when this share of its points has a surface", 0.05, 1.0
     )
@@ -51,9 +54,12 @@ class Sight:
     params: FreeSpaceParams
 
     @property
-    def is_empty(self) -> bool:
-        """The object is not there."""
-        return self.free >= self.params.empty_share
+    def emptiness(self) -> float:
+        """Evidence that the object is not there: 1 where most of its place is seen through, 0 without any."""
+        if self.free >= self.params.empty_share:
+            return 1.0
+        partly = self.free >= self.params.partly_empty_share and self.free > self.taken
+        return 0.5 if partly else 0.0
 
     @property
     def is_taken(self) -> bool:

@@ -127,9 +127,9 @@ class Judge:
     def _was_free(self, newcomer: Newcomer) -> bool:
         """Earlier keyframes saw through the place, until something came that has been there since."""
         before = self._place.sights_before(newcomer, range(newcomer.tied_since, newcomer.record.since_tick))
-        while before and not before[-1].is_empty:
+        while before and not before[-1].emptiness:
             before.pop()
-        empty, taken = sum(sight.is_empty for sight in before), sum(sight.is_taken for sight in before)
+        empty, taken = sum(sight.emptiness for sight in before), sum(sight.is_taken for sight in before)
         return empty >= self._params.min_empty_keyframes and empty > taken
 
     def _is_doubtful(self, record: ObjectRecord) -> bool:

@@ -14,13 +14,14 @@ from neuse.mapping.object_record import ObjectRecord
 class Presence:
     """A count per object: up for each keyframe that sees its place empty, down for each that sees it taken.
 
-    The paper calls an object removed if it is not matched in a period with global loop closure. Here its
-    place must be seen empty from well-anchored keyframes, so that missed or merged masks remove nothing.
+    A place partly seen through counts half. The paper calls an object removed if it is not matched in a
+    period with global loop closure. Here its place must be seen empty from well-anchored keyframes, so that
+    missed or merged masks remove nothing.
     """
 
     def __init__(self, evidence: Evidence, enough: int) -> None:
         self._evidence, self._enough = evidence, enough
-        self._empty: dict[int, int] = {}
+        self._empty: dict[int, float] = {}
         self._claims: dict[int, int] = {}  # {object: by whom its place was taken}
         self._returned: dict[int, int] = {}
 
@@ -72,7 +73,7 @@ class Presence:
             self._returned[record.object_id] = self._returned.get(record.object_id, 0) + 1
 
     def _is_empty(self, object_id: int) -> bool:
-        return self._empty.get(object_id, 0) >= self._enough
+        return self._empty.get(object_id, 0.0) >= self._enough
 
     def _missed(self, record: ObjectRecord, keyframe: SeenKeyframe) -> None:
         sight = self._evidence.sight(
@@ -80,8 +81,8 @@ class Presence:
         )
         if sight is None:
             return
-        count = self._empty.get(record.object_id, 0)
-        if sight.is_empty:
-            self._empty[record.object_id] = count + 1
+        count = self._empty.get(record.object_id, 0.0)
+        if sight.emptiness:
+            self._empty[record.object_id] = count + sight.emptiness
         elif sight.is_taken:
-            self._empty[record.object_id] = max(0, count - 1)
+            self._empty[record.object_id] = max(0.0, count - 1.0)

@@ -102,7 +102,7 @@ def test_place_is_looked_up_relative_to_the_anchors(seen):
 
 def test_place_without_anchors_or_depth_gives_no_evidence(seen):
     evidence, memory, _ = seen
-    assert evidence.sight(BALL, memory.seen[0], 5, -1).is_empty
+    assert evidence.sight(BALL, memory.seen[0], 5, -1).emptiness
     assert evidence.sight(BALL, memory.seen[0], -50, -1) is None
     assert evidence.sights(BALL, [memory.seen[0]], seen[2].records[1]) != []
     memory.seen[0].depth_mm = None
@@ -144,7 +144,7 @@ def test_anchors_seen_a_moment_before_tie_a_view_that_has_none_itself(seen):
 
     soon = look_on(1, 5 + LayoutParams().carried_frames)
     assert evidence.sight(BALL, soon, 5, -1) is None
-    assert evidence.sight(BALL, soon, 5, -1, carried=True).is_empty
+    assert evidence.sight(BALL, soon, 5, -1, carried=True).emptiness
     assert evidence.sight(BALL, look_on(2, soon.tick + 1), 5, -1, carried=True) is None
     of_another_session = look_on(1_000_001, soon.tick)
     assert evidence.sight(BALL, of_another_session, 5, -1, carried=True) is None

@@ -23,20 +23,35 @@ def wall(z_m):
 def test_place_before_a_far_wall_is_empty():
     sight = look(ball(), wall(1.5), CAMERA, PARAMS)
     assert sight.free == 1.0
-    assert sight.is_empty
+    assert sight.emptiness == 1.0
     assert not sight.is_taken
 
 
 def test_place_with_a_surface_is_taken():
     sight = look(ball(), wall(0.99), CAMERA, PARAMS)
     assert sight.is_taken
-    assert not sight.is_empty
+    assert sight.emptiness == 0.0
 
 
 def test_place_behind_something_is_neither():
     sight = look(ball(), wall(0.5), CAMERA, PARAMS)
     assert sight.hidden == 1.0
-    assert not sight.is_empty
+    assert sight.emptiness == 0.0
+    assert not sight.is_taken
+
+
+def seen(free, taken):
+    return Sight(free, taken, 1.0 - free - taken, PARAMS)
+
+
+@pytest.mark.parametrize(
+    ("free", "taken", "emptiness"),
+    [(0.55, 0.4, 1.0), (0.3, 0.1, 0.5), (0.45, 0.4, 0.5), (0.4, 0.5, 0.0), (0.15, 0.0, 0.0)],
+    ids=["mostly free", "mostly hidden", "on a table", "half taken", "free at its edge"],
+)
+def test_place_partly_seen_through_is_weaker_evidence(free, taken, emptiness):
+    sight = Sight(free, taken, 1.0 - free - taken, PARAMS)
+    assert sight.emptiness == emptiness
     assert not sight.is_taken
 
 

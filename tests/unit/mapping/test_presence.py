@@ -77,6 +77,9 @@ def test_removed_object_that_the_tracker_matches_again_is_added():
     assert_map_is_true(world)
 
 
+PARTLY = 0.3
+
+
 class Eyes:
     """Evidence that is told what it sees: free share, or None."""
 
@@ -84,7 +87,12 @@ class Eyes:
         self.free = 1.0
 
     def sight(self, points, keyframe, known_by, excluded_id, carried):
-        return None if self.free is None else Sight(self.free, 1.0 - self.free, 0.0, FreeSpaceParams())
+        return None if self.free is None else Sight(self.free, self.taken, 0.0, FreeSpaceParams())
+
+    @property
+    def taken(self):
+        """Of a place partly free the rest is hidden."""
+        return 0.0 if self.free == PARTLY else 1.0 - self.free
 
 
 @pytest.fixture
@@ -132,6 +140,11 @@ def test_unclear_sights_say_nothing(watched, free):
     watch(watched, 1.0, count=2)
     assert not watch(watched, free, count=20)
     assert watch(watched, 1.0)
+
+
+def test_place_partly_seen_through_counts_half(watched):
+    assert not watch(watched, PARTLY, count=5)
+    assert watch(watched, PARTLY)
 
 
 def test_displaced_object_is_gone_until_it_is_matched(watched):
