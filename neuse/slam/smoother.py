@@ -1,6 +1,6 @@
 """iSAM2 over a graph to which factors and vertices come, and from which they go."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,11 +8,14 @@ import gtsam
 import numpy as np
 
 from neuse.errors import SolverError
+from neuse.geometry import Array
 from neuse.params import CheckedParams, param
 from neuse.slam.factors import BIAS, LOOSE_POINT, POINT, POSE, VELOCITY, solver_errors
+from neuse.slam.relinearization import Relinearization
 
 LOOSE_FACTOR = 10.0  # loose points may move so much further before they are relinearised
-NEVER = 1e9  # threshold of what enters linearly and need not be relinearised
+LINEAR = {VELOCITY: np.full(3, 1e9), BIAS: np.full(6, 1e9)}  # thresholds of what need not be relinearised
+NOT_BY_ITSELF = 2**31 - 1  # solutions between relinearisations that nobody has asked for
 FAST, SAFE = "CHOLESKY", "QR"  # factorisations; the second can do where the first finds sigmas too far apart
 
 
@@ -27,6 +30,9 @@ class SolverParams(CheckedParams):
     relinearize_m: float = param(0.01, "iSAM2 relinearises what moved more than this, m", 1e-6, 1.0)
     relinearize_rad: float = param(0.003, "iSAM2 relinearises what turned more than this, rad", 1e-6, 1.0)
     relinearize_every: int = param(5, "solutions between two relinearisations", 1, 1000)
+    relinearize_most: int = param(
+        100, "vertices relinearised in one solution; after a loop closure the others follow", 1, 10**9
+    )
     acceleration_mps2: float = param(
         0.3,
         "the camera moves smoothly: white noise of its acceleration, m/s^2/sqrt(Hz); 0: it may jerk",
@@ -42,6 +48,8 @@ class Smoother:
     def __init__(self, params: SolverParams) -> None:
         self.params = params
         self.isam = gtsam.ISAM2(_isam_params(params, FAST))
+        thresholds = _thresholds(params)
+        self._relinearization = Relinearization(thresholds, params.relinearize_every, params.relinearize_most)
         self._new_factors, self._new_values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         self._leaving: set[int] = set()
 
@@ -83,7 +91,9 @@ class Smoother:
 
     def _update(self) -> None:
         with solver_errors():
-            self.isam.update(self._new_factors, self._new_values, self._leaving_factors())
+            update = self._relinearization.next_update(self.isam)
+            update.removeFactorIndices = self._leaving_factors()
+            self.isam.update(self._new_factors, self._new_values, update)
         self._new_factors, self._new_values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         self._leaving.clear()
 
@@ -98,22 +108,25 @@ class Smoother:
 
 def _isam_params(params: SolverParams, factorization: str) -> gtsam.ISAM2Params:
     isam_params = gtsam.ISAM2Params()
-    isam_params.setRelinearizeThreshold(_thresholds(params))
-    isam_params.relinearizeSkip = params.relinearize_every
+    isam_params.setRelinearizeThreshold(_threshold_map(_thresholds(params) | LINEAR))
+    isam_params.relinearizeSkip = NOT_BY_ITSELF
     isam_params.findUnusedFactorSlots = True
     isam_params.setFactorization(factorization)
     return isam_params
 
 
-def _thresholds(params: SolverParams) -> gtsam.ISAM2ThresholdMap:
-    thresholds = gtsam.ISAM2ThresholdMap()
-    rad, m = [params.relinearize_rad] * 3, [params.relinearize_m] * 3
-    for letter, least in (
-        (POSE, rad + m),
-        (POINT, m),
-        (LOOSE_POINT, [LOOSE_FACTOR * params.relinearize_m] * 3),
-        (VELOCITY, [NEVER] * 3),
-        (BIAS, [NEVER] * 6),
-    ):
-        thresholds.insert((letter, np.array(least)))
-    return thresholds
+def _thresholds(params: SolverParams) -> dict[str, Array]:
+    """By the character of the keys, for each coordinate how far it may move."""
+    rad, m = np.full(3, params.relinearize_rad), np.full(3, params.relinearize_m)
+    return {
+        POSE: np.concatenate([rad, m]),
+        POINT: m,
+        LOOSE_POINT: LOOSE_FACTOR * m,
+    }
+
+
+def _threshold_map(thresholds: Mapping[str, Array]) -> gtsam.ISAM2ThresholdMap:
+    thresholds_by_kind = gtsam.ISAM2ThresholdMap()
+    for kind, least in thresholds.items():
+        thresholds_by_kind.insert((kind, least))
+    return thresholds_by_kind
