@@ -16,6 +16,7 @@ from neuse.slam.registration import Alignment, align_each
 from neuse.slam.track import Track
 
 TRACKED_SIGMAS = np.array([0.03, 0.03, 0.03, 0.05, 0.05, 0.05])  # of tracked motions in the window, rad and m
+SOLVED_SIGMAS = np.array([0.005, 0.005, 0.005, 0.01, 0.01, 0.01])  # of motions in the solved graph, rad and m
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,10 @@ class EdgeParams(CheckedParams):
     max_closure_sigma_rad: float = param(0.03, "the same for loop closures, rad", 1e-4, 3.2)
     max_closure_sigma_m: float = param(0.02, "the same for loop closures, metres", 1e-4, 100.0)
     max_disagreement: float = param(
-        5.0, "an edge this many sigmas from the tracked motion is refused: a flipped handle", 1.0, 1e6
+        5.0,
+        "an edge this many sigmas from the motion as tracked, or for loop closures as solved, is refused",
+        1.0,
+        1e6,
     )
     period_gap: int = param(10, "keyframes without an object that end a period of sight", 1, 1000)
     period_sigma_m: float = param(
@@ -76,7 +80,15 @@ class EdgeBuilder:
         window = [old for old in records[-self.params.window :] if self._in_window(old, new)]
         built = self._build(window, new, EdgeKind.SHORT_RANGE, tracks)
         edges = [edge for edge in built if edge is not None]
-        agree = _disagreements(edges, T_olds_new) <= self.params.max_disagreement
+        motions = T_olds_new[[edge.from_id - edge.to_id for edge in edges]]
+        return self._agreeing(edges, motions, TRACKED_SIGMAS)
+
+    def borne_out(self, closures: Sequence[Edge], T_from_to: Array) -> list[Edge]:
+        """Those that the solved graph does not contradict, in which their motions are (n, 4, 4)."""
+        return self._agreeing(closures, T_from_to, SOLVED_SIGMAS)
+
+    def _agreeing(self, edges: Sequence[Edge], T_from_to: Array, sigmas: Array) -> list[Edge]:
+        agree = _disagreements(edges, T_from_to, sigmas) <= self.params.max_disagreement
         self.rejected += int((~agree).sum())
         return [edge for edge, agrees in zip(edges, agree, strict=True) if agrees]
 
@@ -172,15 +184,14 @@ class EdgeBuilder:
         )
 
 
-def _disagreements(edges: Sequence[Edge], T_olds_new: Array) -> Array:
-    """(n,) how many sigmas the tracked motions, known to TRACKED_SIGMAS, are from what the edges say."""
+def _disagreements(edges: Sequence[Edge], T_from_to: Array, sigmas: Array) -> Array:
+    """(n,) how many sigmas the edges are from motions (n, 4, 4) that are known to `sigmas` (6,)."""
     if not edges:
         return np.zeros(0)
-    T_from_to = np.stack([edge.T_from_to for edge in edges])
-    differences = inverse(T_from_to) @ T_olds_new[[edge.from_id - edge.to_id for edge in edges]]
+    differences = inverse(np.stack([edge.T_from_to for edge in edges])) @ T_from_to
     turns = Rotation.from_matrix(differences[:, :3, :3]).as_rotvec()
     xi = np.concatenate([turns, differences[:, :3, 3]], axis=1)  # (n, 6)
-    covariances = np.stack([edge.covariance for edge in edges]) + np.diag(TRACKED_SIGMAS**2)
+    covariances = np.stack([edge.covariance for edge in edges]) + np.diag(sigmas**2)
     return np.sqrt((xi * np.linalg.solve(covariances, xi[..., None])[..., 0]).sum(axis=1))
 
 

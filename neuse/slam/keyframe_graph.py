@@ -106,6 +106,12 @@ class KeyframeGraph:
         self._first_moved = min(self._first_moved, first_moved)
         return moved
 
+    def borne_out(self, closures: Sequence[Edge]) -> list[Edge]:
+        """Loop closures that the last solution does not contradict."""
+        T_from = self.library.T_map_camera[[edge.from_id for edge in closures]]
+        T_to = self.library.T_map_camera[[edge.to_id for edge in closures]]
+        return self._edges.borne_out(closures, inverse(T_from) @ T_to)
+
     def thin(self, tracks: Mapping[int, Track]) -> None:
         """The keyframe that leaves the window goes with the next solution, unless it has to stay.
 

@@ -246,7 +246,7 @@ class ObjectSlam:
         with self.stopwatch.timed("optimise"):
             self._graph.thin(tracks)
             self._solve(bool(edges.closures) or located.relocalized)
-        return [*odometry, *edges.short_range, *edges.closures]
+        return [*odometry, *edges.short_range, *self._graph.borne_out(edges.closures)]
 
     def _solve(self, loop_closed: bool) -> None:
         T_last_camera = self._graph.relative_to_last(self._tracker.belief.T_map_camera)

@@ -146,6 +146,18 @@ def test_loops_close_to_the_first_keyframe_of_every_earlier_period(world):
     np.testing.assert_allclose(error, 0.0, atol=1e-9)
 
 
+def test_closure_that_the_solved_graph_contradicts_is_refused(world):
+    for i in range(12):
+        world.keyframe(i, keys=(0, 1, 2) if i in (0, 6) else ())
+    builder = EdgeBuilder()
+    closures = revisit(world, builder, 12)
+    solved = np.array([inverse(world.pose(edge.from_id)) @ world.pose(12) for edge in closures])
+    solved[1] = solved[1] @ exp([0, 0, 0, 0.3, 0, 0])
+    assert builder.borne_out(closures, solved) == closures[:1]
+    assert builder.rejected == 1
+    assert builder.borne_out([], np.zeros((0, 4, 4))) == []
+
+
 def test_loop_is_closed_once_per_view(world):
     for i in range(6):
         world.keyframe(i, keys=(0, 1, 2) if i == 0 else ())
