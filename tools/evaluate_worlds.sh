@@ -6,7 +6,8 @@ set -euo pipefail
 for preset in tabletop synthetic-planar synthetic-nonplanar four-round triple-infinity; do
     nodes="$1/nodes/$preset-0"
     if [ ! -e "$nodes/report.json" ] ||
-        [ -n "$(find neuse neuse_*_node bags -name '*.py' -newer "$nodes/report.json" -print -quit)" ]; then
+        [ -n "$(find neuse neuse_msgs neuse_*_node bags -newer "$nodes/report.json" -type f \
+            -regex '.*\.\(py\|msg\|srv\|yaml\|safetensors\)' -print -quit)" ]; then
         rm -rf "$nodes"
         ./run.sh neuse_bags demo --preset "$preset" --out "$nodes"
     fi

@@ -104,7 +104,7 @@ def beside_external_slam(results: SeededResults, seeds: int) -> Table:
     for preset in PRESETS:
         ours = [
             _median(run["ate_rmse_m"] for run in results.over_seeds(variant, preset, seeds))
-            for variant in ("full-mugs", "full")
+            for variant in ("full-mugs", "full", "full-odometry-when-blind")
         ]
         others = results.others_over_seeds("external", preset, seeds)
         odometry, *externals = (_median(other[name] for other in others) for name in names)
@@ -114,6 +114,7 @@ def beside_external_slam(results: SeededResults, seeds: int) -> Table:
         "odometry",
         "ours, mugs",
         "ours, all",
+        "ours, all, odometry when blind",
         SCANS,
         f"{SCANS} + ours",
         FEATURES,

@@ -16,7 +16,10 @@ from neuse.records import ObservedFrame, OdometrySample
 from neuse.simulation.worlds import make_world, simulate
 
 PACKAGE = Path(__file__).parent.parent
-SOURCES = ("simulation", "embedding", "weights", "records.py")  # what an encoded world depends on
+SOURCES = (  # what an encoded world depends on
+    *("simulation", "embedding", "weights"),
+    *("geometry.py", "params.py", "records.py", "symmetry.py"),
+)
 
 
 @dataclass(frozen=True)

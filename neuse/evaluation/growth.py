@@ -78,19 +78,26 @@ def associate_frame(
 class Optimisation:
     """Times of the solver at every keyframe of one long run, and in how many of them loops were closed.
 
-    error_m: of the last position, a sign that the run was sound.
+    error_m: of the last position, a sign that the run was sound.    in_graph: keyframes at the end, when
+        others had left the graph.
     """
 
     times: Times
     loop_closures: int
     error_m: float
+    in_graph: int
 
     def at(self, keyframes: int) -> dict[str, float] | None:
-        """Summary of the last tenth of the first so many keyframes; None if the run did not get so far."""
+        """Summary of the last tenth of the first so many keyframes, with the worst of all that came before.
+
+        None if the run did not get so far.
+        """
         if keyframes > len(self.times.wall_ms):
             return None
-        part = slice(keyframes - keyframes // 10, keyframes)
-        return Times(self.times.wall_ms[part], self.times.cpu_ms[part]).summary()
+        first, until = keyframes - keyframes // 10, keyframes
+        times = Times(self.times.wall_ms[first:until], self.times.cpu_ms[first:until]).summary()
+        worst = {"worst_ms": max(self.times.wall_ms[:until]), "cpu_worst_ms": max(self.times.cpu_ms[:until])}
+        return times | worst
 
 
 def optimisation_times(keyframes: int, budget_s: float, lap_objects: int = LAP_OBJECTS) -> Optimisation:
@@ -108,4 +115,4 @@ def optimisation_times(keyframes: int, budget_s: float, lap_objects: int = LAP_O
         error = inverse(world.camera(0.0)) @ T_world_camera @ inverse(tracked.T_map_camera)
         if time.monotonic() - started > budget_s:
             break
-    return Optimisation(Times.of(times), closures, float(np.linalg.norm(error[:3, 3])))
+    return Optimisation(Times.of(times), closures, float(np.linalg.norm(error[:3, 3])), slam.graph_size)

@@ -21,7 +21,8 @@ from neuse.records import Edge, EdgeKind
 
 Result = dict[str, Any]
 
-RUN_SOURCES = (*SOURCES, "slam", "mapping", "evaluation/variants.py", "pipeline.py")
+SCORING = ("changes", "evaluation", "nees", "objects", "pose_errors", "report", "results", "run", "variants")
+RUN_SOURCES = (*SOURCES, "slam", "mapping", "pipeline.py", *(f"evaluation/{module}.py" for module in SCORING))
 WRONG_RAD, WRONG_M = np.deg2rad(10.0), 0.10  # a loop closure further off is wrong
 
 

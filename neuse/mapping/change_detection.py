@@ -3,9 +3,9 @@
 The tracker never moves an object: at a new place it instantiates a new one. So a move shows as one object
 gone and a newcomer of its shape, often minutes apart. What is gone is reported within seconds; a newcomer
 waits until the places that it may come from have been seen, and with it what is gone only because it stands
-there. Should the other half of a move turn up after one
-half was reported, the MOVED supersedes that report (see `settled_changes`). Of some newcomers no depth tells
-that they have come, as on a table where nothing has stayed; they are never added, but may be what is gone.
+there. Should the other half of a move turn up after one half was reported, the MOVED supersedes that report
+(see `settled_changes`). Of some newcomers no depth tells that they have come, as on a table where nothing has
+stayed; they are never added, but may be what is gone.
 """
 
 from collections.abc import Iterable, Set

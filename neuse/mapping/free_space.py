@@ -33,7 +33,10 @@ class FreeSpaceParams(CheckedParams):
         0.5, "a place is empty when this share of its points is seen through", 0.05, 1.0
     )
     partly_empty_share: float = param(
-        0.2, "so much, and more than has a surface, is half as good evidence", 0.05, 1.0
+        0.2,
+        "this share seen through, and less with a surface, is half as good evidence that a place is empty",
+        0.05,
+        1.0,
     )
     taken_share: float = param(
         0.25, "a place is taken when this share of its points has a surface", 0.05, 1.0

@@ -41,6 +41,12 @@ class History:
         self._reports.append((change, self._place(before), self._place(after)))
         return change
 
+    def take_back_added(self, object_id: int) -> None:
+        """An object has turned out to be one that was known: it had not come."""
+        of_it = [i for i, (change, _, _) in enumerate(self._reports) if change.object_id == object_id]
+        if of_it and self._reports[of_it[-1]][0].kind == ChangeKind.ADDED:
+            del self._reports[of_it[-1]]
+
     @property
     def changes(self) -> tuple[ObjectChange, ...]:
         """All reports, without those that a later one has superseded."""

@@ -104,10 +104,12 @@ class KeyframeMemory:
         if not candidates:
             return []
         T_camera_map = inverse(np.stack([self.poses[k.keyframe_id] for k in candidates]))
-        in_view = visible(
-            T_camera_map[:, :3, :3] @ center + T_camera_map[:, :3, 3], candidates[-1].intrinsics
-        )
-        ranges_m = np.linalg.norm(T_camera_map[:, :3, :3] @ center + T_camera_map[:, :3, 3], axis=1)
+        centers = T_camera_map[:, :3, :3] @ center + T_camera_map[:, :3, 3]
+        in_view = np.zeros(len(candidates), dtype=bool)
+        for intrinsics in {keyframe.intrinsics for keyframe in candidates}:
+            by_it = [keyframe.intrinsics == intrinsics for keyframe in candidates]
+            in_view[by_it] = visible(centers[by_it], intrinsics)
+        ranges_m = np.linalg.norm(centers, axis=1)
         nearest = np.argsort(ranges_m, kind="stable")
         return [candidates[i] for i in nearest if in_view[i] and ranges_m[i] <= max_range_m][:count]
 

@@ -210,6 +210,7 @@ class ObjectMapper:
     def _merge(self, duplicate_id: int, kept_id: int) -> None:
         """One object under two ids."""
         self._library.merge(duplicate_id, kept_id)
+        self._reports.take_back_added(duplicate_id)
         self._forget(duplicate_id)
         self._presence.withdraw(duplicate_id)
         self._presence.forget(kept_id)

@@ -56,7 +56,11 @@ class Backend(Protocol):
         """
 
     def has_moved(self) -> bool:
-        """Whether keyframes long past may have moved noticeably since their poses were read."""
+        """Whether keyframes long past have moved noticeably since all were read."""
+
+    @property
+    def can_judge(self) -> bool:
+        """Whether the solution can tell a wrong loop closure: it is settled, and they are no part of it."""
 
     def latest_poses(self) -> Array:
         """(n, 4, 4) T_map_camera of the keyframes in the graph by the last solution."""
@@ -99,13 +103,6 @@ class BaseBackend:
     @property
     def ids(self) -> np.ndarray:
         return self.graph.ids
-
-    def solve(self) -> Array:
-        self.graph.solve()
-        return self.read_all()
-
-    def has_moved(self) -> bool:
-        return True
 
     def latest_poses(self) -> Array:
         return self.graph.poses()
@@ -208,7 +205,8 @@ class LandmarkBackend(BaseBackend):
         for i, track in enumerate(tracks):
             points, covariances = landmark_points(frames, i)
             for part in range(n_points(frames, i)):
-                self.graph.add_known_point(point_id(track, part), points[part], covariances[part])
+                known = points[part], covariances[part]
+                self.graph.add_known_point(point_id(track, part), *known, loose=part == HANDLE)
 
     def solve(self) -> Array:
         self.graph.solve()
@@ -217,11 +215,13 @@ class LandmarkBackend(BaseBackend):
         return self.poses
 
     def has_moved(self) -> bool:
-        """By a few that are spread evenly: of each, the place of what lies a metre ahead of the camera."""
-        few = np.unique(np.linspace(0, len(self.poses) - 1, SAMPLES).astype(np.intp))
-        now = np.array([self.graph.pose(keyframe_id) for keyframe_id in self.ids[few].tolist()])
-        moved = (now - self.poses[few])[:, :3, 2:].sum(axis=2)
-        return bool((np.linalg.norm(moved, axis=1) > NOTICEABLE_M).any())
+        few = samples(len(self.poses))
+        now = [self.graph.pose(keyframe_id) for keyframe_id in self.ids[few].tolist()]
+        return differ(self.poses[few], np.array(now))
+
+    @property
+    def can_judge(self) -> bool:
+        return not self.graph.is_behind
 
     def place_all(self, tracks: Iterable[Track]) -> None:
         tracks = list(tracks)
@@ -253,3 +253,14 @@ def _placed(tracks: Sequence[Track], points: Mapping[int, Array]) -> Array:
     center = np.where(np.isnan(bottom), top, (top + bottom) / 2)
     told = np.stack([center, top - bottom, handle - center], axis=1)
     return np.where(np.isnan(told), [track.place for track in tracks], told)
+
+
+def samples(n: int) -> np.ndarray:
+    """A few indices below n, spread evenly."""
+    return np.unique(np.linspace(0, n - 1, min(n, SAMPLES)).astype(np.intp))
+
+
+def differ(before: Array, now: Array) -> bool:
+    """Whether one of the poses (n, 4, 4) differs noticeably: by the place of what lies a metre ahead."""
+    moved = (now - before)[:, :3, 2:].sum(axis=2)
+    return bool((np.linalg.norm(moved, axis=1) > NOTICEABLE_M).any())

@@ -7,7 +7,7 @@ import numpy as np
 from neuse.errors import SolverError
 from neuse.geometry import Array, inverse
 from neuse.records import Edge
-from neuse.slam.backends import BaseBackend
+from neuse.slam.backends import BaseBackend, differ, samples
 from neuse.slam.keyframes import KeyframeRecord
 from neuse.slam.sliding_window import SlidingWindow
 from neuse.slam.smoother import SolverParams
@@ -24,6 +24,7 @@ class EdgeBackend(BaseBackend):
         super().__init__(params)
         self.window = SlidingWindow(window, params)
         self._seen = _Sightings()
+        self._read: Array = np.zeros((0, 4, 4))  # when all were read
 
     def add_keyframe(
         self, record: KeyframeRecord, T_map_camera: Array, ties: Sequence[Edge], closures: Sequence[Edge]
@@ -50,6 +51,24 @@ class EdgeBackend(BaseBackend):
             self.window.add(new, np.eye(4), [])
             return T_previous_new
         return inverse(self.window.pose(new - 1)) @ self.window.pose(new)
+
+    def solve(self) -> Array:
+        self.graph.solve()
+        self.poses = self.latest_poses()
+        return self.poses
+
+    def has_moved(self) -> bool:
+        few = samples(len(self._read))
+        return differ(self._read[few], self.poses[few])
+
+    def read_all(self) -> Array:
+        self._read = super().read_all()
+        return self._read
+
+    @property
+    def can_judge(self) -> bool:
+        """False: the closures are part of the solution."""
+        return False
 
     def add_sightings(self, record: KeyframeRecord, tracks: Iterable[Track]) -> None:
         """Nothing: the edges have said it."""

@@ -38,12 +38,18 @@ class KeyframeGraph:
         self._reach = max(edges.window, refinement.lags + 1)  # of ties to come
         self._window = edges.window
         self._first_moved = 0
+        self._can_judge = False
         self._thinning = Thinning(keyframes.near_m, keyframes.views)
 
     @property
     def rejected_edges(self) -> int:
         """Candidate edges that the gates have refused so far."""
         return self._edges.rejected
+
+    @property
+    def size(self) -> int:
+        """Keyframes in the graph."""
+        return len(self._backend.ids)
 
     @property
     def last(self) -> KeyframeRecord | None:
@@ -93,13 +99,15 @@ class KeyframeGraph:
         """Edges of an external SLAM between our keyframes."""
         self._backend.add_external(edges)
 
-    def solve(self, loop_closed: bool) -> bool:
-        """Take in everything new; whether all keyframes have been given new places, as far as they moved.
+    def solve(self) -> bool:
+        """Take in everything new; whether all keyframes have been given new places.
 
-        Unless a loop was closed, and that has moved them, keyframes long past stay as they were.
+        Keyframes long past stay as they were until they have moved noticeably: a loop closure moves them, and
+        the solutions after it.
         """
         self.library.place(self._backend.ids, self._backend.solve())
-        moved = loop_closed and self._backend.has_moved()
+        moved = self._backend.has_moved()
+        self._can_judge = self._backend.can_judge and not moved
         if moved:
             self._read_all()
         first_moved = 0 if moved else max(len(self.library.records) - RECENT, 0)
@@ -107,7 +115,9 @@ class KeyframeGraph:
         return moved
 
     def borne_out(self, closures: Sequence[Edge]) -> list[Edge]:
-        """Loop closures that the last solution does not contradict."""
+        """Loop closures that the last solution does not contradict, as far as it can judge."""
+        if not self._can_judge:
+            return list(closures)
         T_from = self.library.T_map_camera[[edge.from_id for edge in closures]]
         T_to = self.library.T_map_camera[[edge.to_id for edge in closures]]
         return self._edges.borne_out(closures, inverse(T_from) @ T_to)

@@ -59,11 +59,12 @@ class PoseGraph:
         """A pose that is known from elsewhere."""
         self._smoother.add(hold_factor(keyframe_id, T_map_camera, covariance))
 
-    def add_known_point(self, point_id: int, p_map: Array, covariance: Array) -> None:
-        """A landmark point whose place is known from elsewhere, metres, covariance (3, 3)."""
-        if point_id not in self._points:
-            self._points[point_id] = gtsam.symbol(POINT, point_id)
-            self._smoother.insert(self._points[point_id], np.asarray(p_map, dtype=np.float64))
+    def add_known_point(self, point_id: int, p_map: Array, covariance: Array, loose: bool = False) -> None:
+        """A landmark point whose place is known from elsewhere, metres, covariance (3, 3).
+
+        loose: as in `add_sighting`.
+        """
+        self._begin_point(point_id, p_map, loose)
         self._smoother.add(known_point_factor(self._points[point_id], p_map, covariance, self._cauchy))
 
     def add_pose(self, keyframe_id: int, T_map_camera: Array) -> None:
@@ -106,11 +107,14 @@ class PoseGraph:
         loose: of a new point, hardly known along some direction. There it wanders with every solution, which
         is no reason to relinearise all that sees it.
         """
+        self._begin_point(point_id, p_map, loose)
+        keys = pose_key(keyframe_id), self._points[point_id]
+        self._smoother.add(sighting_factor(*keys, p_camera, covariance, self._cauchy))
+
+    def _begin_point(self, point_id: int, p_map: Array, loose: bool) -> None:
         if point_id not in self._points:
             self._points[point_id] = gtsam.symbol(LOOSE_POINT if loose else POINT, point_id)
             self._smoother.insert(self._points[point_id], np.asarray(p_map, dtype=np.float64))
-        keys = pose_key(keyframe_id), self._points[point_id]
-        self._smoother.add(sighting_factor(*keys, p_camera, covariance, self._cauchy))
 
     def remove(self, keyframe_id: int) -> None:
         """A solved keyframe goes with the next solution, and with it all that was said of it."""
@@ -127,6 +131,11 @@ class PoseGraph:
         """
         self._smoother.solve()
         self._poses = None
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether the last solution has left a part to the next, as after a loop closure."""
+        return self._smoother.is_behind
 
     @property
     def ids(self) -> np.ndarray:

@@ -26,13 +26,13 @@ class Relinearization:
         self._thresholds, self._every, self._most = thresholds, every, most
         self._solutions = 0  # since the last relinearisation
         self._turn = 0  # key with which the next one begins
-        self._is_behind = False
+        self.is_behind = False  # whether some wait for their turn
 
     def next_update(self, isam: gtsam.ISAM2) -> gtsam.ISAM2UpdateParams:
         """How the next update of this graph is done."""
         update = gtsam.ISAM2UpdateParams()
         self._solutions += 1
-        update.force_relinearize = self._is_behind or self._solutions >= self._every
+        update.force_relinearize = self.is_behind or self._solutions >= self._every
         if update.force_relinearize:
             update.noRelinKeys = _key_list(self._take_turns(self._moved(isam)))
             self._solutions = 0
@@ -40,8 +40,8 @@ class Relinearization:
 
     def _take_turns(self, moved: np.ndarray) -> np.ndarray:
         """The keys that have to wait."""
-        self._is_behind = len(moved) > self._most
-        if not self._is_behind:
+        self.is_behind = len(moved) > self._most
+        if not self.is_behind:
             return moved[:0]
         waiting = np.roll(moved, -np.searchsorted(moved, self._turn))[self._most :]
         self._turn = waiting[0]

@@ -11,7 +11,6 @@ from neuse.records import (
     NO_ID,
     ChangeKind,
     Edge,
-    EdgeKind,
     Keyframe,
     MatchStatus,
     ObjectChange,
@@ -33,10 +32,10 @@ from neuse.slam.prediction import Predictor
 from neuse.slam.prior_map import PriorMap
 from neuse.slam.relocalization import Place
 from neuse.slam.track import Track
-from neuse.slam.tracker import Located, ObjectTracker
+from neuse.slam.tracker import ObjectTracker
 from neuse.stopwatch import Stopwatch
 
-PLACES_AT_ONCE = 100  # read from a solution by turns, beside those in sight; all when a loop was closed
+PLACES_AT_ONCE = 100  # read from a solution by turns, beside those in sight; all when it has moved the map
 Tracks = Sequence[Track | None]  # of each observation of a frame
 
 
@@ -78,7 +77,7 @@ class ObjectSlam:
         with self.stopwatch.timed("associate"):
             located = self._tracker.locate(view, hypotheses)
             tracks, fresh = self._tracker.update(view, [frame.observations[i] for i in usable], located)
-        fix, edges = self._predictor.judge(fix, located), list[Edge]()
+        fix, edges, loop_closed = self._predictor.judge(fix, located), list[Edge](), False
         rejected_before = self._graph.rejected_edges
         keyframe = (
             bool(fresh) or located.relocalized or self._graph.library.is_due(located.belief.T_map_camera)
@@ -90,7 +89,7 @@ class ObjectSlam:
                 for i, track in zip(usable, tracks, strict=True)
                 if track is not None and track.key in record.keys
             }
-            edges = self._add_keyframe(record, clouds, located)
+            edges, loop_closed = self._add_keyframe(record, clouds)
             self.add_external_edges(())  # those that have waited long enough
         self._predictor.settle(fix, self._tracker.belief)
         self._graph.library.add_frame(frame.stamp_ns, self._tracker.belief.T_map_camera)
@@ -102,7 +101,7 @@ class ObjectSlam:
             intrinsics=frame.intrinsics,
             coarse_depth_m=frame.coarse_depth_m,
             keyframe_id=len(self._graph.library.records) - 1 if keyframe else NO_ID,
-            loop_closed=any(edge.kind == EdgeKind.LOOP_CLOSURE for edge in edges) or located.relocalized,
+            loop_closed=loop_closed or located.relocalized,
             odometry_only=located.blind,
             edges=tuple(edges),
             rejected_edges=self._graph.rejected_edges - rejected_before,
@@ -127,7 +126,7 @@ class ObjectSlam:
         self._predictor.correct(np.eye(4), place.T_map_session)
         self._tracker.move(place.T_map_session)
         self._adopt(prior, place.matches)
-        self._solve(loop_closed=True)
+        self._solve()
         return renamed
 
     def learn(self, prior: PriorMap) -> None:
@@ -173,13 +172,18 @@ class ObjectSlam:
         accepted = self._externals.accept(edges, self._graph)
         if accepted:
             self._graph.add_external(accepted)
-            self._solve(loop_closed=True)
+            self._solve()
         return len(accepted)
 
     @property
     def keyframes(self) -> tuple[Keyframe, ...]:
         """All keyframes with their latest estimates."""
         return self._graph.all()
+
+    @property
+    def graph_size(self) -> int:
+        """How many keyframes are in the graph; others have left it."""
+        return self._graph.size
 
     def moved_keyframes(self) -> tuple[Keyframe, ...]:
         """Those that are new or may have moved since this was asked last; all of them after a closure."""
@@ -228,9 +232,13 @@ class ObjectSlam:
         return KeyframeRecord(len(self._graph.library.records), stamp_ns, keys, view.frames[rows], fix)
 
     def _add_keyframe(
-        self, record: KeyframeRecord, clouds: Mapping[int, np.ndarray], located: Located
-    ) -> list[Edge]:
-        """Extend the graph by a keyframe and solve it; returns its edges that are worth publishing."""
+        self, record: KeyframeRecord, clouds: Mapping[int, np.ndarray]
+    ) -> tuple[list[Edge], bool]:
+        """Extend the graph by a keyframe and solve it.
+
+        Returns:
+            Its edges that are worth publishing, and whether it closes a loop.
+        """
         tracks, params = self._tracker.library.tracks, self.params.edges
         well_seen = record.frames.variances[0] <= params.period_sigma_m**2
         for key in record.keys[well_seen].tolist():
@@ -245,12 +253,13 @@ class ObjectSlam:
         self._graph.add(record, T_map_camera, [*odometry, *guessed], edges, in_graph)
         with self.stopwatch.timed("optimise"):
             self._graph.thin(tracks)
-            self._solve(bool(edges.closures) or located.relocalized)
-        return [*odometry, *edges.short_range, *self._graph.borne_out(edges.closures)]
+            self._solve()
+        told = [*odometry, *edges.short_range, *self._graph.borne_out(edges.closures)]
+        return told, bool(edges.closures)
 
-    def _solve(self, loop_closed: bool) -> None:
+    def _solve(self) -> None:
         T_last_camera = self._graph.relative_to_last(self._tracker.belief.T_map_camera)
-        moved = self._graph.solve(loop_closed)
+        moved = self._graph.solve()
         library, last = self._tracker.library, self._graph.library.records[-1]
         most = len(library.tracks) if moved else PLACES_AT_ONCE
         self._graph.place(library.by_turns(last.keys.tolist(), most))

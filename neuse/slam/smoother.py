@@ -53,6 +53,11 @@ class Smoother:
         self._new_factors, self._new_values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         self._leaving: set[int] = set()
 
+    @property
+    def is_behind(self) -> bool:
+        """Whether the last solution has left a part to the next."""
+        return self._relinearization.is_behind
+
     def add(self, factor: gtsam.NonlinearFactor) -> None:
         """One more factor."""
         self._new_factors.add(factor)
@@ -74,7 +79,12 @@ class Smoother:
         try:
             self._update()
         except SolverError:
-            self.begin_anew(self.isam.getLinearizationPoint(), SAFE)
+            known, waiting = self.isam.getLinearizationPoint(), (self._new_factors, self._new_values)
+            taken_in = all(known.exists(key) for key in self._new_values.keys())  # noqa: SIM118
+            self.begin_anew(known, SAFE)
+            if not taken_in:
+                self._new_factors.push_back(waiting[0])
+                self._new_values.insert(waiting[1])
             self._update()
 
     def begin_anew(self, values: gtsam.Values, factorization: str, without: tuple[type, ...] = ()) -> None:

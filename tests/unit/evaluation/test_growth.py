@@ -40,11 +40,18 @@ def test_run_follows_the_camera():
     run = optimisation_times(20, budget_s=60.0)
     assert len(run.times.wall_ms) == 20
     assert run.error_m < 0.05
+    assert run.in_graph == 20
     assert min(run.times.wall_ms) > 0  # every frame was a keyframe
 
 
 def test_summary_is_of_the_last_tenth():
     ramp = tuple(float(i) for i in range(100))
-    run = Optimisation(Times(ramp, ramp), 0, 0.0)
+    run = Optimisation(Times(ramp, ramp), 0, 0.0, 100)
     assert run.at(50)["mean_ms"] == 47.0
     assert run.at(100)["worst_ms"] == 99.0
+
+
+def test_worst_is_that_of_all_keyframes():
+    times = (7.0, *(1.0 for _ in range(99)))
+    at = Optimisation(Times(times, times), 0, 0.0, 100).at(100)
+    assert (at["mean_ms"], at["worst_ms"], at["cpu_worst_ms"]) == (1.0, 7.0, 7.0)

@@ -39,7 +39,7 @@ class Canned:
             "rpe_trans_per_m_rmse_m": None,
             "changes": {"tp": 4, "fp": 1, "fn": 0},
             "objects": {"true": 12, "mapped": 11, "duplicates": [7], "ghosts": []},
-            "edges": {"loop_closure": 8},
+            "edges": {"loop_closure": 8, "odometry": 20},
             "wrong_closures": 1,
             "trust": {"poses": None, "short_range/mug": NEES},
         }
@@ -79,7 +79,9 @@ def test_speed_is_that_of_the_bench_beside_the_folder(tmp_path, monkeypatch):
 
 def test_localisation_gives_medians_and_dashes():
     table = TABLES["localisation"](Canned(), 3)
-    assert row_of(table, "synthetic-planar: ATE, full")[1:] == (*["0.020"] * 4, "0.116 / 0.065")
+    assert row_of(table, "synthetic-planar: ATE, full")[1:] == (*["0.020 (0.030)"] * 4, "0.116 / 0.065")
+    assert row_of(table, "synthetic-nonplanar: ATE, full")[-1] == "0.091 / 0.053"
+    assert row_of(table, "synthetic-planar: pairs with odometry")[1] == "20.0"
     assert row_of(table, "synthetic-planar: ATE, 2nd")[1] == "-"
     assert row_of(table, "synthetic-planar: blind")[1] == "5.0"
 
@@ -96,8 +98,9 @@ def test_trust_is_per_degree_of_freedom_and_leaves_out_what_is_unknown():
     table = TABLES["trust"](Canned(), 2)
     assert row_of(table, "short_range/mug")[1:] == ("1.50", "1.00", "80")
     assert row_of(table, "poses")[1:] == ("-", "-", "0")
-    assert "8 of 64" in row_of(table, "loop closures wrong")[0]
+    assert "8 of 64" in row_of(table, "loop closures off")[0]
     assert "8 of 64" in row_of(table, "the same before the gates")[0]
+    assert "4 of 32" in row_of(table, "the same in the graph of paper mode")[0]
 
 
 def test_nodes_stand_beside_the_pipeline_where_they_were_run():

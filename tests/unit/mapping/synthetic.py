@@ -222,6 +222,11 @@ class World:
         self._take(self.mapper.finalize())
         return self.changes
 
+    def close_loop(self, T_world_camera: Array) -> None:
+        """A frame that says that the keyframes have moved, with all of them."""
+        frame = replace(self.frame(T_world_camera), loop_closed=True)
+        self._take(self.mapper.step(frame, self._keyframes))
+
     def step(self, T_world_camera: Array) -> None:
         """One frame, which is a keyframe; before it, if the pose drifts, half a second that shows nothing."""
         if self.frames and (self.drift(self.frames) != self.drift(self.frames - 1)).any():

@@ -40,10 +40,6 @@ def test_place_behind_something_is_neither():
     assert not sight.is_taken
 
 
-def seen(free, taken):
-    return Sight(free, taken, 1.0 - free - taken, PARAMS)
-
-
 @pytest.mark.parametrize(
     ("free", "taken", "emptiness"),
     [(0.55, 0.4, 1.0), (0.3, 0.1, 0.5), (0.45, 0.4, 0.5), (0.4, 0.5, 0.0), (0.15, 0.0, 0.0)],

@@ -48,3 +48,15 @@ def test_half_of_a_move_that_was_reported_before_is_left_out(poses):
     assert [change.kind for change in history.changes] == [REMOVED, ADDED]
     history.report(5, MOVED, old, old, new)
     assert [change.kind for change in history.changes] == [MOVED]
+
+
+def test_what_turned_out_to_be_known_was_not_added(poses):
+    history = History(poses)
+    known, doubled = record(1, poses, 1, 0.0), record(2, poses, 2, 1.0)
+    history.report(3, REMOVED, known, before=known)
+    history.report(4, ADDED, doubled, after=doubled)
+    history.take_back_added(1)  # it was removed last
+    history.take_back_added(7)  # nobody knows it
+    assert [change.object_id for change in history.changes] == [1, 2]
+    history.take_back_added(2)
+    assert [change.object_id for change in history.changes] == [1]

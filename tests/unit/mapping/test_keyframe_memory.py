@@ -75,6 +75,15 @@ def test_nearest_views_are_in_view_in_range_of_the_steps_and_sorted():
     assert memory.nearest_views(place, range(0, 10), 3.0, 10) == []
 
 
+def test_each_view_is_judged_by_its_own_camera():
+    memory, tele = KeyframeMemory(10), replace(CAMERA, fx=10 * CAMERA.fx, fy=10 * CAMERA.fy)
+    place = np.array([0.3, 0.0, 2.0])
+    for i, intrinsics in enumerate([CAMERA, tele, CAMERA, tele]):
+        view = TrackedFrame(0, np.eye(4), np.eye(6), (), intrinsics, np.ones(COARSE, np.float32), i)
+        memory.update(view, (), i)
+    assert [k.keyframe_id for k in memory.nearest_views(place, range(10), 3.0, 10)] == [0, 2]
+
+
 def test_camera_that_was_blind_for_long_has_lost_sight_and_so_it_has_at_its_start():
     memory = KeyframeMemory(10)
     for tick in range(1, 41):

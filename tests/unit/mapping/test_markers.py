@@ -112,8 +112,7 @@ def test_after_a_loop_closure_everything_is_drawn_in_place_and_no_ghost_stays():
 
     world.correct([*[k.T_map_camera for k in world._keyframes[:16]], *second_visit])
     world.ids = old_ids
-    world.step(second_visit[0])
-    world.finish()
+    world.close_loop(second_visit[0])
     show()
     meshes = of_kind(viewer.values(), MarkerKind.MESH)
     assert len(meshes) == len(of_kind(viewer.values(), MarkerKind.TEXT)) == len(world.things)

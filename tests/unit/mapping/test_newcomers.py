@@ -199,6 +199,24 @@ def test_doubles_that_a_loop_closure_brings_together_are_one(share):
     assert len(world.mapper.object_map.objects) == len(world.things)
 
 
+def test_double_that_was_called_added_has_never_come():
+    """Off its place it looks like a newcomer, until the loop closure shows what it is."""
+    off = np.array([0.0, 0.0, 0.0, 0.15, 0.0, 0.0])
+    world = make_world(drift=lambda frame: off if 16 <= frame < 32 else np.zeros(6))
+    world.tour(orbit(count=16))
+    old_ids, world.ids = world.ids, {}
+    true = orbit(count=16, start_rad=1.0)
+    world.tour(true)
+    doubles = set(world.ids.values())
+    for double in doubles & {known.object_id for known in world.mapper.object_map.objects}:
+        world.mapper._change(double, ADDED)
+    assert world.mapper.changes
+    world.correct([*[k.T_map_camera for k in world._keyframes[:16]], *true])
+    world.ids = old_ids
+    world.close_loop(true[0])
+    assert world.mapper.changes == ()
+
+
 def disguise(name: str, share: float = 0.55) -> Edit:
     """Let association fail for the thing's descriptor, which no other thing has."""
 

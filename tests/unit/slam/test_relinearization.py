@@ -4,6 +4,7 @@ import gtsam
 import numpy as np
 import pytest
 
+from neuse.errors import SolverError
 from neuse.geometry import exp, inverse, log
 from neuse.slam.smoother import Smoother, SolverParams
 
@@ -97,6 +98,37 @@ def test_it_goes_on_until_nothing_waits_and_then_pauses():
     assert counts[0] == 0
     assert counts[1:5] == [MOST] * 4
     assert counts[-1] == 0
+
+
+def test_smoother_tells_while_some_wait():
+    smoother = way_with_drift()
+    assert not smoother.is_behind
+    close_loop(smoother)
+    smoother.solve()
+    assert smoother.is_behind
+    solve(smoother, 60)
+    assert not smoother.is_behind
+
+
+@pytest.mark.parametrize("fails_before", [True, False], ids=["before", "after"])
+def test_what_waits_survives_a_solution_that_fails(monkeypatch, fails_before):
+    """Whether it fails before or after iSAM2 has taken in what is new."""
+    smoother, failures = way_with_drift(), iter([True])
+    update = Smoother._update
+
+    def fail_once(self):
+        if fails_before and next(failures, False):
+            raise SolverError("by chance")
+        update(self)
+        if next(failures, False):
+            raise SolverError("by chance")
+
+    monkeypatch.setattr(Smoother, "_update", fail_once)
+    smoother.insert(key(N), gtsam.Pose3(TRUTH[-1] @ TRUE_STEP))
+    smoother.add(edge(N - 1, N, TRUE_STEP))
+    smoother.solve()
+    assert smoother.isam.valueExists(key(N))
+    assert smoother.isam.getFactorsUnsafe().nrFactors() == N + 1
 
 
 def test_by_parts_it_ends_where_all_at_once_ends():
