@@ -14,8 +14,8 @@ from typing import Any
 
 from neuse.embedding.embedding import WEIGHTS
 from neuse.embedding.network import Network, load_network, read_card
-from neuse.embedding.table import USUAL, markdown_table, rows_of
-from neuse.errors import InputError
+from neuse.embedding.table import CATEGORIES, USUAL, markdown_table, nees_table, rows_of
+from neuse.errors import InputError, NeuseError
 
 LOSSES = {
     "shipped": "frame, occupancy, shape contrast and likelihood losses",
@@ -42,15 +42,16 @@ def card_text(path: Path, figures: Mapping[str, Any]) -> str:
         start=f" --from {card['started_from']}" if card.get("started_from") else "",
         symmetry=f"{network.symmetry.name}: {network.symmetry.meaning}",
         losses=LOSSES[network.architecture],
-        batches=_batches(card),
+        batches=_batches(card) + _before(card, "step", "batches"),
         data=_data(card),
         seed=card["params"]["seed"],
-        hours=card["hours"],
+        hours=f"{card['hours']}{_before(card, 'hours', 'hours')}",
         commit=card["commit"],
         size=f"{size_m:.1f} million parameters, k = {network.config.n_latent} latent points",
         scenes=figures["scenes"],
         shapes=figures["shapes"],
         table=markdown_table({"median (p90), n": (figures, USUAL)}, rows),
+        consistency=f"\n{nees_table(figures)}\n" if set(figures["cards"]) >= set(CATEGORIES) else "",
         limits="\n".join(f"- {limit}" for limit in _limits(network, figures)),
     )
 
@@ -74,7 +75,7 @@ Unseen {shapes} shapes, 1.5 mm depth noise, 0.3 to 5 m, hidden in part by other 
 of 6 views (`python -m neuse.embedding.evaluate`). Bold: within the bar.
 
 {table}
-
+{consistency}
 ## Limits
 
 {limits}
@@ -85,6 +86,15 @@ def _batches(card: Mapping[str, Any]) -> str:
     p = card["params"]
     views = f"{p['shapes_per_batch']} shapes x {p['views_per_shape']} views"
     return f"{card['step']} of {views}, {p['anchors']} then {p['anchors_last']} anchors"
+
+
+def _before(card: Mapping[str, Any], name: str, unit: str) -> str:
+    """What went into the weights that these began with, as far as it is known."""
+    parts, before = list[str](), card.get("before")
+    while before:
+        parts.append(f"{before[name]}")
+        before = before.get("before")
+    return f", after {' and '.join(reversed(parts))} {unit} of those that it began with" if parts else ""
 
 
 def _data(card: Mapping[str, Any]) -> str:
@@ -100,7 +110,7 @@ def _limits(network: Network, figures: Mapping[str, Any]) -> list[str]:
             "Where the handle is hidden the direction about the axis is not known, and the third sigma says "
             f"so: over all pairs of views the rotation is {_spread(usual['mug']['rotation_deg'])} deg.",
             f"{_percent(usual['flips, mug with handle seen'])} of the pairs with a seen handle, near and "
-            "well visible, are over 45 degrees wrong.",
+            f"well visible, are over 45 degrees wrong; {_percent(usual['flips, mug'])} of all such pairs.",
         ]
     if network.ambiguous:
         limits += [
@@ -133,9 +143,12 @@ def main() -> None:
     parser.add_argument("--weights", type=Path, default=WEIGHTS, help="folder of the weights and cards")
     arguments = parser.parse_args()
     figures = json.loads(arguments.figures.read_text())
-    for category in figures["cards"]:
-        path = arguments.weights / f"{category}.safetensors"
-        path.with_suffix(".md").write_text(card_text(path, figures))
+    try:
+        for category in figures["cards"]:
+            path = arguments.weights / f"{category}.safetensors"
+            path.with_suffix(".md").write_text(card_text(path, figures))
+    except NeuseError as error:
+        parser.exit(2, f"{parser.prog}: {error}\n")
 
 
 if __name__ == "__main__":

@@ -16,10 +16,10 @@ from typing import Any
 
 import torch
 
-from neuse.embedding.evaluate import CATEGORIES, evaluate, load_embeddings, unseen_shapes
+from neuse.embedding.evaluate import evaluate, load_embeddings, unseen_shapes
 from neuse.embedding.shards import ShapeSource
 from neuse.embedding.sightings import Condition
-from neuse.embedding.table import FAR, ROWS, USUAL, markdown_table
+from neuse.embedding.table import CATEGORIES, FAR, ROWS, USUAL, markdown_table
 from neuse.embedding.train import load_views, run
 from neuse.embedding.trainer import Trainer, recipe_params
 

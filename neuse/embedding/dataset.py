@@ -79,7 +79,8 @@ class ViewSet:
         if n_shapes > self.n_shapes:
             raise InputError("few_shapes", f"{n_shapes} shapes a batch asked of {self.n_shapes}; add shards")
         shapes = rng.choice(self.n_shapes, n_shapes, replace=False)
-        index = np.concatenate([rng.choice(self._views_of[shape], n_views) for shape in shapes])
+        views_of = [self._views_of[shape] for shape in shapes]
+        index = np.concatenate([rng.choice(views, n_views, len(views) < n_views) for views in views_of])
         scales = np.repeat(self._draw_scales(n_shapes, rng), n_views, axis=0)
         return self.batch(index, n_points, n_queries, rng, scales, n_surface)
 

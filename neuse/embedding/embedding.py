@@ -30,7 +30,7 @@ def shipped_categories() -> tuple[str, ...]:
 
 
 def load_embedding(name: str | Path, device: str = AUTO) -> "Embedding":
-    """The embedding of a shipped category ("mug", "bottle"), or of a weights file.
+    """The embedding of a shipped category (see `shipped_categories`), or of a weights file.
 
     Args:
         device: what its network runs on: "auto" (a GPU where there is one), "cpu", "cuda", "cuda:1".
@@ -91,8 +91,11 @@ class Embedding:
         Returns:
             One code a cloud, in the frame of the clouds.
         Raises:
-            InputError: a cloud of another shape, with fewer than 8 points or with points that are not finite.
+            InputError: a cloud of another shape, with fewer than 8 points or with points that are not finite;
+                a share outside (0, 1].
         """
+        if not 0.0 < share <= 1.0:
+            raise InputError("share", f"share = {share} of the points must be in (0, 1]")
         if len(clouds) == 0:
             return []
         arrays = [_checked(cloud, index) for index, cloud in enumerate(clouds)]

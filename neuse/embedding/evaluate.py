@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from neuse.embedding.embedding import WEIGHTS, Embedding, LightEmbedding, load_embedding
+from neuse.embedding.embedding import WEIGHTS, Embedding, LightEmbedding
 from neuse.embedding.figures import (
     PairError,
     by_frames,
@@ -35,8 +35,8 @@ from neuse.embedding.network import load_network, read_card
 from neuse.embedding.reconstruction import decode
 from neuse.embedding.shards import SPLIT_SEEDS
 from neuse.embedding.sightings import PER_CATEGORY, Condition, Sighting, draw_sightings
-from neuse.embedding.table import FAR, USUAL, markdown_table, nees_table, rows_of
-from neuse.errors import MeshError
+from neuse.embedding.table import CATEGORIES, FAR, USUAL, markdown_table, nees_table, rows_of
+from neuse.errors import MeshError, NeuseError
 from neuse.simulation.meshes import load_meshes
 from neuse.simulation.shapes import Shape, sample_shape
 
@@ -48,7 +48,6 @@ CONDITIONS = (
     Condition(FAR, 0.0015, growing=True, range_m=(2.6, 3.3)),
 )
 USUAL_RANGE = tuple(condition.name for condition in CONDITIONS if condition.name != FAR)
-CATEGORIES = ("mug", "bottle")
 JOINT_GROUPS = {"mug + bottle": {"mug": 1, "bottle": 1}, "2 mugs + 2 bottles": {"mug": 2, "bottle": 2}}
 VIEWS = 6
 RECONSTRUCTIONS = 60
@@ -175,8 +174,12 @@ def unseen_shapes(
 def load_embeddings(
     folder: Path, descriptors: Path | None = None, *, categories: Sequence[str] = CATEGORIES
 ) -> dict[str, Embedding]:
-    """By category from FOLDER/<category>.safetensors; `descriptors` is the other half of a light variant."""
-    embeddings = {c: load_embedding(folder / f"{c}.safetensors") for c in categories}
+    """By category from FOLDER/<category>.safetensors; `descriptors` is the other half of a light variant.
+
+    Raises:
+        WeightsError: a file is missing, damaged or of another category.
+    """
+    embeddings = {c: Embedding(load_network(folder / f"{c}.safetensors", c)) for c in categories}
     if descriptors is None:
         return embeddings
     return {
@@ -198,21 +201,38 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--categories", nargs="+", default=CATEGORIES, help="(mug bottle)")
+    parser.add_argument(
+        "--categories", nargs="+", help="(mug bottle, of which --meshes needs to have a folder for one)"
+    )
     parser.add_argument("--meshes", type=Path, help="folder of DIR/<category>/*.obj|ply|stl|glb")
     parser.add_argument("--scenes", type=int, default=120)
     parser.add_argument("--weights", type=Path, default=WEIGHTS, help="folder of other than the shipped ones")
     parser.add_argument("--descriptors", type=Path, help="folder of weights by --recipe light-shape")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
+    try:
+        print(table(_evaluated(arguments)))
+    except NeuseError as error:
+        parser.exit(2, f"{parser.prog}: {error}\n")
+
+
+def _evaluated(arguments: argparse.Namespace) -> dict[str, Any]:
+    """All figures, written to embedding.json as well."""
     arguments.out.mkdir(parents=True, exist_ok=True)
-    embeddings = load_embeddings(arguments.weights, arguments.descriptors, categories=arguments.categories)
-    shapes = unseen_shapes(arguments.meshes, arguments.scenes, arguments.seed, arguments.categories)
+    categories = arguments.categories or _default_categories(arguments.meshes)
+    embeddings = load_embeddings(arguments.weights, arguments.descriptors, categories=categories)
+    shapes = unseen_shapes(arguments.meshes, arguments.scenes, arguments.seed, categories)
     figures = evaluate(embeddings, shapes, arguments.scenes, arguments.seed)
     figures["scenes"], figures["shapes"] = arguments.scenes, "meshes" if arguments.meshes else "simulated"
-    figures["cards"] = {c: read_card(arguments.weights / f"{c}.safetensors") for c in arguments.categories}
+    figures["cards"] = {c: read_card(arguments.weights / f"{c}.safetensors") for c in categories}
     (arguments.out / "embedding.json").write_text(json.dumps(figures, indent=1))
-    print(table(figures))
+    return figures
+
+
+def _default_categories(meshes: Path | None) -> Sequence[str]:
+    """Mugs and bottles, or those of the two that there are meshes of."""
+    found = [c for c in CATEGORIES if meshes is not None and (meshes / c).is_dir()]
+    return found or CATEGORIES
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -40,7 +41,7 @@ class Network(nn.Module):
     """f_theta and Phi of one category (NeuSE eq. 2); the type of `config` chooses the architecture.
 
     sigma_scale: (7,) factors that make the predicted standard deviations right on held-out shapes.
-    occupancy_logit: the threshold v_0 as a logit, the one of least surface error on held-out shapes.
+    occupancy_logit: the threshold v_0 as a logit, the one of the best IoU on held-out shapes.
     """
 
     sigma_scale: Tensor
@@ -154,6 +155,7 @@ def _rebuild(path: Path, metadata: dict[str, str], tensors: dict[str, Tensor]) -
         _check_sizes(config, tensors)
         with torch.device("meta"):  # takes no memory
             planned = Network(metadata["category"], _symmetry(metadata), config)
+        _check_kinds(planned.state_dict(), tensors)
         planned.load_state_dict(tensors, assign=True)  # raises where a shape is another
         network = Network(metadata["category"], _symmetry(metadata), config)
         network.load_state_dict(tensors)
@@ -162,7 +164,16 @@ def _rebuild(path: Path, metadata: dict[str, str], tensors: dict[str, Tensor]) -
     for name, tensor in tensors.items():
         if not tensor.isfinite().all():
             raise WeightsError(f"weights {path} hold numbers in {name} that are not finite")
+    if not (network.sigma_scale > 0).all():
+        raise WeightsError(f"weights {path} scale sigmas by numbers that are not positive")
     return network
+
+
+def _check_kinds(planned: Mapping[str, Tensor], tensors: Mapping[str, Tensor]) -> None:
+    """Raises ValueError for numbers of another kind, which would lose what they say."""
+    for name, tensor in tensors.items():
+        if name in planned and tensor.dtype != planned[name].dtype:
+            raise ValueError(f"{name} is of {tensor.dtype}, not {planned[name].dtype}")
 
 
 def _check_sizes(config: EncoderConfig | PaperEncoderConfig, tensors: dict[str, Tensor]) -> None:
@@ -174,6 +185,8 @@ def _check_sizes(config: EncoderConfig | PaperEncoderConfig, tensors: dict[str, 
         raise ValueError(f"{config.n_blocks} blocks of {len(tensors)} tensors")
     if config.n_points < MIN_POINTS or config.n_anchors > config.n_points:
         raise ValueError(f"{config.n_anchors} anchors of {config.n_points} points")
+    if isinstance(config, PaperEncoderConfig) and config.n_neighbors >= config.n_points:
+        raise ValueError(f"{config.n_neighbors} neighbours of {config.n_points} points")
 
 
 def _symmetry(metadata: dict[str, str]) -> Symmetry:

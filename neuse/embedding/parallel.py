@@ -2,9 +2,12 @@
 
 import os
 from dataclasses import dataclass
+from datetime import timedelta
 
 import torch
 from torch import distributed
+
+PATIENCE = timedelta(hours=3)  # while the first process draws the views
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ def join_group() -> Group:
     if size > 1:
         if has_gpu:
             torch.cuda.set_device(device)
-        distributed.init_process_group("nccl" if has_gpu else "gloo")
+        distributed.init_process_group("nccl" if has_gpu else "gloo", timeout=PATIENCE)
     return Group(int(os.environ.get("RANK", 0)), size, device)
 
 

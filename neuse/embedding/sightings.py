@@ -9,7 +9,7 @@ from neuse.embedding.code import Code
 from neuse.embedding.embedding import Embedding
 from neuse.embedding.layouts import reach_m, rest, room
 from neuse.embedding.observe import Observer, back_project
-from neuse.embedding.views import CAMERA, draw_camera, handle_share
+from neuse.embedding.views import BESIDE_LENS_M, CAMERA, draw_camera, handle_share
 from neuse.geometry import Array, inverse, transform_points
 from neuse.records import Instance, RgbdFrame
 from neuse.simulation.camera import RayScene, Rendering, Solid
@@ -17,7 +17,6 @@ from neuse.simulation.sensor import SensorFaults, apply_faults
 from neuse.simulation.shapes import Shape
 
 PER_CATEGORY = 2
-BESIDE_LENS_M = 0.05
 
 
 @dataclass(frozen=True)

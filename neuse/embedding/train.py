@@ -33,10 +33,10 @@ from neuse.embedding.network import Network, load_network, save_network
 from neuse.embedding.parallel import ALONE, Group, join_group, leave_group
 from neuse.embedding.pictures import save_curves, save_reconstructions
 from neuse.embedding.shards import ShapeSource, ensure_shards
-from neuse.embedding.trainer import RECIPES, Trainer, TrainParams, read_checkpoint, recipe_params
+from neuse.embedding.trainer import RECIPES, Trainer, TrainParams, params_of, read_checkpoint, recipe_params
 from neuse.embedding.validation import validate
 from neuse.embedding.views import ViewParams
-from neuse.errors import NeuseError
+from neuse.errors import NeuseError, WeightsError
 from neuse.simulation.shapes import categories
 from neuse.symmetry import SYMMETRIES, Symmetry, symmetry_named
 
@@ -73,17 +73,15 @@ def run(trainer: Trainer, weights: Path, every: int = VALIDATE_EVERY) -> None:
     progress = tqdm(
         total=params.steps, initial=trainer.step, desc=trainer.category, unit="step", disable=not first
     )
-    running: dict[str, float] = {}
     begun = time.monotonic() - trainer.seconds
     while trainer.step < params.steps and not trainer.group.any(trainer.stopping):
-        losses = trainer.train_step()
-        running = {name: 0.98 * running.get(name, loss) + 0.02 * loss for name, loss in losses.items()}
+        trainer.train_step()
         trainer.seconds = time.monotonic() - begun
         progress.update()
-        progress.set_postfix({name: f"{loss:.3f}" for name, loss in running.items()}, refresh=False)
+        progress.set_postfix({name: f"{loss:.3f}" for name, loss in trainer.running.items()}, refresh=False)
         if first and (trainer.step % every == 0 or trainer.step == params.steps):
             figures = validate(trainer.network, trainer.validation_set)
-            trainer.history.append({"step": trainer.step, **running, **figures})
+            trainer.history.append({"step": trainer.step, **trainer.running, **figures})
             progress.write(_line(trainer))
             trainer.save_checkpoint(weights.with_suffix(".ckpt"))
             save_curves(trainer.history, weights.with_name(f"{trainer.category}_curves.png"))
@@ -167,7 +165,9 @@ def _params(arguments: argparse.Namespace, symmetry: Symmetry, checkpoint: Path 
     if checkpoint is None:
         params = recipe_params(arguments.recipe or TrainParams().recipe, symmetry)
     else:
-        params = TrainParams(**read_checkpoint(checkpoint)["params"])
+        params = params_of(checkpoint, read_checkpoint(checkpoint))
+        if arguments.seed not in (None, params.seed):
+            raise WeightsError(f"{checkpoint} has seed {params.seed}; leave out --seed, or --resume")
     given = {name: getattr(arguments, name) for name in ("recipe", "steps", "shards", "seed")}
     return replace(params, **{name: value for name, value in given.items() if value is not None})
 
@@ -209,13 +209,13 @@ def _checked(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> 
 
 
 def _train_all(argv: Sequence[str]) -> int:
-    """Every category in a process of its own; the largest exit code."""
+    """Every category in a process of its own; 0 if all have ended well."""
     command = [sys.executable, "-m", "neuse.embedding.train", *argv]
     processes = [subprocess.Popen([*command, "--category", category]) for category in categories()]
     try:
-        return max(process.wait() for process in processes)
+        return max(abs(process.wait()) for process in processes)  # of one that was killed it is negative
     except KeyboardInterrupt:
-        return max(process.wait() for process in processes)  # Ctrl-C has reached them too; they save
+        return max(abs(process.wait()) for process in processes)  # Ctrl-C has reached them too; they save
 
 
 if __name__ == "__main__":

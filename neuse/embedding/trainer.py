@@ -12,15 +12,17 @@ from torch.nn.parallel import DistributedDataParallel
 
 from neuse.embedding.dataset import Batch, ViewSet
 from neuse.embedding.losses import occupancy_loss, shipped_losses
-from neuse.embedding.network import ARCHITECTURES, Network, load_network
+from neuse.embedding.network import ARCHITECTURES, Network, load_network, read_card
 from neuse.embedding.paper_losses import paper_losses
 from neuse.embedding.parallel import ALONE, Group
-from neuse.errors import ParamError, WeightsError
+from neuse.errors import InputError, ParamError, WeightsError
 from neuse.params import CheckedParams, param
 from neuse.symmetry import Symmetry
 
 RECIPES = {"shipped": "shipped", "paper": "paper", "light-pose": "paper", "light-shape": "paper"}
 LOSSES = {"shipped": shipped_losses, "paper": paper_losses}
+CHECKPOINT = {"network", "optimizer", "step", "seconds", "history", "params"}  # what one holds at least
+ANCESTRY = ("step", "hours", "commit", "started_from", "before")
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,9 @@ class Trainer:
             fused=True,
         )
         self.step, self.seconds, self.stopping = 0, 0.0, False
-        self.started_from = ""
+        self.started_from = ""  # the name of weights, and
+        self.before: dict[str, object] = {}  # how those came about
+        self.running: dict[str, float] = {}  # means of the last losses
         self.history: list[dict[str, float]] = []
 
     def start_from(self, path: Path) -> None:
@@ -136,22 +140,36 @@ class Trainer:
             )
         weights = dict(other.named_parameters())
         self.network.load_state_dict(weights, strict=False)  # buffers are calibrated at the end of a run
-        self.started_from = path.stem
+        self.started_from, self.before = path.stem, ancestry(read_card(path))
 
     def train_step(self) -> dict[str, float]:
-        """One batch; returns the losses."""
+        """One batch; returns the losses.
+
+        Raises:
+            InputError: the loss is not finite; the weights are as before.
+        """
         for settings in self.optimizer.param_groups:
             settings["lr"] = self.learning_rate()
         losses = self.losses(self.draw(), self.anchors())
         weights = {name: getattr(self.params, f"{name}_weight") for name in losses}
         used = [weights[name] * loss for name, loss in losses.items() if weights[name] > 0]
         total = torch.stack(used).sum()
+        if not torch.isfinite(total):
+            raise InputError(
+                "loss",
+                f"the loss of batch {self.step} is {float(total.detach())}: go on from the last checkpoint "
+                "(--resume), or look for views that are not finite",
+            )
         self.optimizer.zero_grad()
         total.backward()
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
         self.optimizer.step()
         self.step += 1
-        return {name: float(loss.detach()) for name, loss in losses.items()}
+        told = {name: float(loss.detach()) for name, loss in losses.items()}
+        self.running = {
+            name: 0.98 * self.running.get(name, loss) + 0.02 * loss for name, loss in told.items()
+        }
+        return told
 
     def draw(self) -> Batch:
         """The batch of this step and process: a pure function of seed, step and rank."""
@@ -194,7 +212,9 @@ class Trainer:
             "step": self.step,
             "seconds": self.seconds,
             "history": self.history,
+            "running": self.running,
             "started_from": self.started_from,
+            "before": self.before,
             "params": asdict(self.params),
         }
         partial = path.with_suffix(".partial")
@@ -208,7 +228,7 @@ class Trainer:
             WeightsError: the checkpoint is damaged, or of another category, symmetry or recipe.
         """
         state, symmetry = read_checkpoint(path), self.network.symmetry.name
-        recipe = TrainParams(**state["params"]).recipe
+        recipe = params_of(path, state).recipe
         found = state.get("category", self.category), recipe, state.get("symmetry", symmetry)
         wanted = self.category, self.params.recipe, symmetry
         if found != wanted:
@@ -216,27 +236,32 @@ class Trainer:
                 f"{path} is a checkpoint of {', '.join(found)}, not of {', '.join(wanted)} (category, "
                 "recipe, symmetry); give another --out, or leave out --resume to begin anew"
             )
-        self.network.load_state_dict(state["network"])
-        self.optimizer.load_state_dict(state["optimizer"])
+        try:
+            self.network.load_state_dict(state["network"])
+            self.optimizer.load_state_dict(state["optimizer"])
+        except (KeyError, TypeError, ValueError, RuntimeError) as error:
+            raise WeightsError(
+                f"{path} does not fit this network ({error}); delete it to begin anew"
+            ) from error
         self.step, self.seconds, self.history = state["step"], state["seconds"], state["history"]
+        self.running, self.before = state.get("running", {}), state.get("before", {})
         self.started_from = state.get("started_from", "")
 
     def card(self) -> dict[str, object]:
         """How the weights came about."""
-        command = ["git", "-C", str(Path(__file__).parent), "rev-parse", "--short", "HEAD"]
-        commit = subprocess.run(command, capture_output=True, text=True)
         return {
             "recipe": self.params.recipe,
             "category": self.category,
             "symmetry": self.network.symmetry.name,
             "started_from": self.started_from,
+            "before": self.before,
             "params": asdict(self.params),
             "step": self.step,
             "shapes": self.train_set.n_shapes,
             "views": len(self.train_set),
             "processes": self.group.size,
             "hours": round(self.seconds / 3600, 2),
-            "commit": commit.stdout.strip(),
+            "commit": commit_of(Path(__file__)),
             "validation": self.history[-1] if self.history else {},
         }
 
@@ -248,6 +273,39 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
         WeightsError: no checkpoint, or a damaged one.
     """
     try:
-        return torch.load(path, weights_only=True, map_location="cpu")
+        state = torch.load(path, weights_only=True, map_location="cpu")
     except Exception as error:  # the reader raises whatever the damage makes it raise
         raise WeightsError(f"{path} is no checkpoint ({error}); delete it to begin anew") from error
+    if not isinstance(state, dict) or not state.keys() >= CHECKPOINT:
+        raise WeightsError(f"{path} is no checkpoint: it lacks what one holds; delete it to begin anew")
+    return state
+
+
+def params_of(path: Path, checkpoint: dict[str, Any]) -> TrainParams:
+    """The parameters in a checkpoint.
+
+    Raises:
+        WeightsError: there are others than this library has.
+    """
+    try:
+        return TrainParams(**checkpoint["params"])
+    except (TypeError, ParamError) as error:
+        raise WeightsError(f"{path} is of another version ({error}); delete it to begin anew") from error
+
+
+def ancestry(card: dict[str, Any]) -> dict[str, object]:
+    """Of a card what tells how long its weights were trained, and from which they began."""
+    return {name: card[name] for name in ANCESTRY if card.get(name)}
+
+
+def commit_of(source: Path) -> str:
+    """The commit of the repository that holds this file, marked where something was changed since."""
+    git = ["git", "-C", str(source.parent)]
+    try:
+        tracked = subprocess.run([*git, "ls-files", "--error-unmatch", source.name], capture_output=True)
+        described = subprocess.run(
+            [*git, "describe", "--always", "--dirty", "--exclude=*"], capture_output=True, text=True
+        )
+    except OSError:
+        return "unknown"
+    return described.stdout.strip() if tracked.returncode == 0 else "unknown"

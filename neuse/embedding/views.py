@@ -16,6 +16,7 @@ from neuse.symmetry import NONE
 CAMERA = DepthCamera(Intrinsics(640, 480, 600.0, 600.0, 319.5, 239.5))
 HALF_CAMERA = DepthCamera(Intrinsics(320, 240, 300.0, 300.0, 159.5, 119.5))
 HALF_CAMERA_BELOW_M = 0.9  # it sees as many points as are kept, up close
+BESIDE_LENS_M = 0.05  # what reaches nearer has an outline of no end
 MAX_POINTS = 1024
 MIN_POINTS = 40
 POINT_UNIT_M = 5e-5  # stored as int16 steps: 1.6 m to either side of the partial centre
@@ -49,7 +50,7 @@ def draw_view(layout: Layout, rng: np.random.Generator, params: ViewParams) -> d
     camera = HALF_CAMERA if range_m < HALF_CAMERA_BELOW_M else CAMERA
     vertices = transform_points(T_camera_object, layout.shape.mesh.vertices)
     window = camera.window_around(vertices, margin_px=8)
-    if window is None:
+    if window is None or vertices[:, 2].min() < BESIDE_LENS_M:
         return None
     rendering = camera.render(layout.scene, T_world_camera, window)
     faults = _draw_faults(range_m, rng, params)

@@ -30,7 +30,7 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
     try:
         if path.suffix.lower() == ".glb":
             _check_glb(path)
-        mesh = trimesh.load_mesh(path, process=True)
+        mesh = trimesh.load_mesh(path, process=False)
     except MeshError:
         raise
     except Exception as error:  # the readers raise whatever the damage makes them raise

@@ -91,6 +91,8 @@ def _closed(mesh: trimesh.Trimesh, path: Path) -> trimesh.Trimesh:
     mesh.merge_vertices()
     mesh.update_faces(mesh.nondegenerate_faces() & mesh.unique_faces())
     mesh.remove_unreferenced_vertices()
+    if not len(mesh.faces):
+        raise MeshError(f"{path} has no face with an area; export it as the surface of a solid")
     trimesh.repair.fill_holes(mesh)
     trimesh.repair.fix_normals(mesh, multibody=True)
     if mesh.is_volume:

@@ -24,7 +24,7 @@ class EdgeBackend(BaseBackend):
         super().__init__(params)
         self.window = SlidingWindow(window, params)
         self._seen = _Sightings()
-        self._read: Array = np.zeros((0, 4, 4))  # when all were read
+        self._read: Array = np.zeros((0, 4, 4))  # as they were when all were read, or soon after they came
 
     def add_keyframe(
         self, record: KeyframeRecord, T_map_camera: Array, ties: Sequence[Edge], closures: Sequence[Edge]
@@ -55,6 +55,7 @@ class EdgeBackend(BaseBackend):
     def solve(self) -> Array:
         self.graph.solve()
         self.poses = self.latest_poses()
+        self._read = np.concatenate([self._read, self.poses[len(self._read) :]])
         return self.poses
 
     def has_moved(self) -> bool:

@@ -31,7 +31,7 @@ class SolverParams(CheckedParams):
     relinearize_rad: float = param(0.003, "iSAM2 relinearises what turned more than this, rad", 1e-6, 1.0)
     relinearize_every: int = param(5, "solutions between two relinearisations", 1, 1000)
     relinearize_most: int = param(
-        100, "vertices relinearised in one solution; after a loop closure the others follow", 1, 10**9
+        500, "vertices relinearised in one solution; after a loop closure the others follow", 1, 10**9
     )
     acceleration_mps2: float = param(
         0.3,

@@ -81,6 +81,12 @@ def test_drawn_batch_groups_views_by_shape(mug_views, rng):
     assert batch.occupied.shape == (6, N_QUERIES)
 
 
+def test_no_view_is_drawn_twice_while_there_are_others(mug_views):
+    for seed in range(10):
+        batch = mug_views.draw(np.random.default_rng(seed), 2, 4, N_POINTS, N_QUERIES)
+        assert len(batch.view.unique()) == 8
+
+
 def test_views_of_one_drawn_shape_are_stretched_alike_and_round(mug_views, rng):
     batch = mug_views.draw(rng, 2, 3, N_POINTS, N_QUERIES)
     extents = batch.target[..., 1:].norm(dim=1).numpy() * UNIT_M

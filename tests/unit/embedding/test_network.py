@@ -179,6 +179,23 @@ def test_weights_that_are_not_finite_are_refused(path):
         load_network(path)
 
 
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float16, torch.complex64], ids=str)
+def test_numbers_of_another_kind_are_refused(path, dtype):
+    def change(tensors):
+        tensors["encoder.embed.weight"] = tensors["encoder.embed.weight"].to(dtype)
+
+    rewrite(path, change_tensors=change)
+    with pytest.raises(WeightsError, match=r"encoder\.embed\.weight is of"):
+        load_network(path)
+
+
+@pytest.mark.parametrize("scale", [0.0, -1.0])
+def test_sigmas_that_would_not_be_positive_are_refused(path, scale):
+    rewrite(path, change_tensors=lambda tensors: tensors["sigma_scale"].fill_(scale))
+    with pytest.raises(WeightsError, match="not positive"):
+        load_network(path)
+
+
 class Bomb:
     """Leaves a file behind when it is unpickled."""
 

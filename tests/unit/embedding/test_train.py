@@ -172,6 +172,33 @@ def test_training_starts_from_the_weights_of_another_category(command_line, tmp_
     assert read_card(tmp_path / "mug.safetensors")["started_from"] == "kettle"
 
 
+def test_card_tells_what_was_trained_before(command_line, tmp_path):
+    command_line("--steps", "2")
+    start = (tmp_path / "mug.safetensors").rename(tmp_path / "first.safetensors")
+    command_line("--steps", "1", "--from", str(start))
+    before = read_card(tmp_path / "mug.safetensors")["before"]
+    assert before["step"] == 2
+    assert before.keys() <= {"step", "hours", "commit"}
+
+
+def test_another_seed_is_no_way_to_go_on(command_line, capsys):
+    command_line("--steps", "1", "--seed", "1")
+    with pytest.raises(SystemExit, match="2"):
+        command_line("--steps", "2", "--seed", "2", "--resume")
+    assert "has seed 1" in capsys.readouterr().err
+
+
+def test_training_of_all_fails_where_one_is_killed(monkeypatch):
+    class Process:
+        codes = iter([0, -9, 0, 0])
+
+        def __init__(self, command):
+            self.wait = lambda: next(self.codes)
+
+    monkeypatch.setattr(train.subprocess, "Popen", Process)
+    assert train.main([]) == 9
+
+
 def test_start_from_another_network_is_refused(command_line, tmp_path, capsys):
     command_line("--steps", "1", "--recipe", "paper")
     paper = (tmp_path / "mug.safetensors").rename(tmp_path / "paper.safetensors")

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from neuse.embedding.dataset import ViewSet
-from neuse.embedding.trainer import RECIPES, Trainer, TrainParams, recipe_params
+from neuse.embedding.trainer import RECIPES, Trainer, TrainParams, commit_of, recipe_params
 from neuse.errors import InputError, ParamError, WeightsError
 from neuse.symmetry import AXIAL, NONE
 
@@ -69,10 +69,10 @@ def test_recipes_have_the_weights_of_the_paper():
 
 @pytest.mark.parametrize(("recipe", "loss"), [("shipped", "frame"), ("paper", "occupancy")])
 def test_training_on_one_batch_lowers_its_loss(make_trainer, monkeypatch, recipe, loss):
-    trainer = make_trainer(recipe, steps=30, lr=1e-2)
+    trainer = make_trainer(recipe, steps=60, lr=1e-2)
     batch = trainer.draw()
     monkeypatch.setattr(trainer, "draw", lambda: batch)
-    losses = [trainer.train_step()[loss] for _ in range(20)]
+    losses = [trainer.train_step()[loss] for _ in range(40)]
     assert losses[-1] < 0.7 * losses[0]
 
 
@@ -145,6 +145,51 @@ def test_damaged_checkpoint_is_refused(make_trainer, tmp_path, content):
     (tmp_path / "mug.ckpt").write_bytes(content)
     with pytest.raises(WeightsError, match=r"mug\.ckpt is no checkpoint"):
         make_trainer().load_checkpoint(tmp_path / "mug.ckpt")
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda state: state.clear(), "lacks what one holds"),
+        (lambda state: state["params"].update(colour=3), "of another version"),
+        (lambda state: state["network"].popitem(), "does not fit"),
+    ],
+    ids=["empty", "unknown parameter", "missing tensor"],
+)
+def test_checkpoint_that_lacks_something_is_refused(make_trainer, tmp_path, damage, message):
+    make_trainer().save_checkpoint(tmp_path / "mug.ckpt")
+    state = torch.load(tmp_path / "mug.ckpt", weights_only=True)
+    damage(state)
+    torch.save(state, tmp_path / "mug.ckpt")
+    with pytest.raises(WeightsError, match=message):
+        make_trainer().load_checkpoint(tmp_path / "mug.ckpt")
+
+
+def test_means_of_losses_go_on_after_a_stop(make_trainer, tmp_path):
+    trainer, later = make_trainer(), make_trainer()
+    trainer.train_step()
+    trainer.save_checkpoint(tmp_path / "mug.ckpt")
+    later.load_checkpoint(tmp_path / "mug.ckpt")
+    trainer.train_step()
+    later.train_step()
+    assert later.running == trainer.running
+
+
+def test_loss_that_is_not_finite_stops_the_run_and_spoils_nothing(make_trainer, monkeypatch):
+    trainer, untouched = make_trainer(), make_trainer()
+    batch = trainer.draw()
+    monkeypatch.setattr(trainer, "draw", lambda: batch._replace(target=batch.target * torch.nan))
+    with pytest.raises(InputError, match="the loss of batch 0 is nan"):
+        trainer.train_step()
+    assert trainer.step == 0
+    assert_same_weights(trainer, untouched)
+
+
+def test_commit_is_unknown_without_git_and_outside_of_a_repository(tmp_path, monkeypatch):
+    (tmp_path / "trainer.py").touch()
+    assert commit_of(tmp_path / "trainer.py") == "unknown"
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert commit_of(tmp_path / "trainer.py") == "unknown"
 
 
 def test_learning_rate_warms_up_stays_then_falls_to_a_hundredth(make_trainer):

@@ -72,6 +72,14 @@ def test_view_of_too_few_points_is_none():
     assert draw_view(layout, rng, far) is None
 
 
+def test_object_that_reaches_to_the_lens_gives_no_view():
+    """Its outline in the image would have no end."""
+    rng = np.random.default_rng(5)
+    close = replace(CLEAN, range_m=(0.06, 0.07))
+    layout = draw_layout(block_mug(), [block_bottle()], rng, close.clutter)
+    assert [draw_view(layout, rng, close) for _ in range(20)] == 20 * [None]
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_camera_sees_the_origin_at_its_range_and_elevation(seed):
     rng = np.random.default_rng(seed)

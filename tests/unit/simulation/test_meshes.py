@@ -138,6 +138,22 @@ def test_damaged_or_empty_file_is_refused_by_name(tmp_path: Path, content: bytes
         load_meshes(tmp_path, "mug")
 
 
+def test_mesh_of_faces_without_area_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "mug").mkdir()
+    (tmp_path / "mug" / "line.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0.2 0 0\nf 1 2 3\n")
+    with pytest.raises(MeshError, match=r"line\.obj has no face with an area"):
+        load_meshes(tmp_path, "mug")
+
+
+def test_solid_with_a_vertex_that_is_not_finite_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "mug").mkdir()
+    box = trimesh.creation.box((0.1, 0.1, 0.1))
+    box.vertices[0, 0] = np.nan
+    (tmp_path / "mug" / "box.ply").write_bytes(trimesh.exchange.ply.export_ply(box))
+    with pytest.raises(MeshError, match=r"box\.ply has vertices without three finite"):
+        load_meshes(tmp_path, "mug")
+
+
 @pytest.mark.parametrize("corner", ["0.1 0.1", "nan 0 0"])
 def test_mesh_without_three_finite_coordinates_is_refused(tmp_path: Path, corner: str) -> None:
     (tmp_path / "mug").mkdir()

@@ -111,10 +111,14 @@ def test_poses_long_past_are_read_when_asked_for(scene, monkeypatch):
     np.testing.assert_array_equal(backend.poses, latest)
 
 
-def test_keyframes_long_past_that_move_are_noticed(scene, monkeypatch):
+@pytest.mark.parametrize(
+    "make_backend", [LandmarkBackend, lambda params: EdgeBackend(params, 10)], ids=["landmarks", "edges"]
+)
+def test_keyframes_long_past_that_move_are_noticed(scene, monkeypatch, make_backend):
     monkeypatch.setattr("neuse.slam.backends.RECENT", 2)
-    backend = LandmarkBackend(SolverParams())
+    backend = make_backend(SolverParams())
     run(backend, scene, lambda i: [odometry(i)])
+    assert not backend.has_moved()
     before = backend.read_all()
     assert not backend.has_moved()
     T_elsewhere = inverse(POSES[0]) @ POSES[2] @ exp([0.0, 0.0, 0.0, 0.02, 0.0, 0.0])
