@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 from numbers import Integral, Real
 from typing import Any, TypeVar
 
@@ -100,6 +101,15 @@ def build(defaults: Params, values: dict[str, Any]) -> Params:
             own[head] = value
     for head, inner in nested.items():
         if not dataclasses.is_dataclass(getattr(defaults, head)):
-            raise ParamError(f"unknown parameter {head}.{next(iter(inner))!r}; {head} has no parts")
-        own[head] = build(getattr(defaults, head), inner)
+            raise ParamError(f"unknown parameter {f'{head}.{next(iter(inner))}'!r}; {head} has no parts")
+        own[head] = _build_part(head, getattr(defaults, head), inner)
     return dataclasses.replace(defaults, **own)  # type: ignore[type-var]
+
+
+def _build_part(head: str, defaults: Any, values: dict[str, Any]) -> Any:
+    """Nested parameters, of which an error tells the dotted name."""
+    try:
+        return build(defaults, values)
+    except ParamError as error:
+        told = re.sub(r"parameter ('?)", rf"parameter \g<1>{head}.", str(error), count=1)
+        raise ParamError(told) from error

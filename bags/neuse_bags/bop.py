@@ -10,7 +10,7 @@ categories.json    which obj_id is what: {"13": "mug", "5": "bottle"}, here or i
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,14 +22,15 @@ from neuse.records import Instance, Intrinsics, RgbdFrame
 from neuse.slam.checks import is_rigid
 from neuse_bags.folder import FIRST_STAMP_NS
 from neuse_bags.pictures import (
-    COLOR_KINDS,
     DEPTH_KINDS,
     MASK_KINDS,
     FrameSource,
     Poses,
     Trajectories,
+    read_color,
     read_json,
     read_picture,
+    what_is_wrong,
 )
 from neuse_bags.trajectory_files import LATEST_NS
 from neuse_slam_node.poses import FARTHEST_M
@@ -50,6 +51,7 @@ class BopScene:
     objects: Mapping[str, Any]
     categories: Mapping[str, str]
     rate_hz: float
+    skipped: list[InputError] = field(default_factory=list)
 
     def frames(self) -> Iterator[RgbdFrame]:
         """The frames, one by one.
@@ -78,7 +80,7 @@ class BopScene:
             mask=mask,
             instances=instances,
             intrinsics=intrinsics,
-            color=None if color is None else read_picture(color, (width, height), COLOR_KINDS, MARK),
+            color=None if color is None else read_color(color, (width, height), MARK, self.skipped),
         )
 
     def _segmentation(
@@ -98,8 +100,8 @@ class BopScene:
         try:
             return [str(item["obj_id"]) for item in self.objects[key]]
         except (KeyError, TypeError) as error:
-            told = f"{self.path / 'scene_gt.json'} lacks {error} of picture {key}; write {OBJECTS_EXAMPLE}"
-            raise InputError("scene_gt", told) from error
+            told = f"{self.path / 'scene_gt.json'} {what_is_wrong(error)} of picture {key}"
+            raise InputError("scene_gt", f"{told}; write {OBJECTS_EXAMPLE}") from error
 
     def _true_pose(self, key: str) -> tuple[int, np.ndarray] | None:
         camera = self.cameras[key]
@@ -138,8 +140,29 @@ def open_bop(path: Path) -> FrameSource:
     if not categories or not isinstance(rate_hz, float | int) or not 0 < rate_hz < np.inf:
         raise InputError("categories", f"{file} has no category or no rate_hz; write {CATEGORIES_EXAMPLE}")
     scene = BopScene(path, cameras, objects, categories, rate_hz)
-    hint = f"write the millimetres of one unit as depth_scale in {path / MARK}"
-    return FrameSource(len(cameras), scene.frames, Trajectories(ground_truth=scene.true_poses()), hint)
+    hint = f"as depth_scale in {path / MARK}"
+    return FrameSource(
+        n_frames=len(cameras),
+        frames=scene.frames,
+        trajectories=Trajectories(ground_truth=scene.true_poses()),
+        unit_hint=lambda factor: (
+            f"write the millimetres of one unit, about {factor:g} times those now, {hint}"
+        ),
+        label_hint=f"write into {file} {_categories_example(objects)}",
+        skipped=scene.skipped,
+    )
+
+
+def _categories_example(objects: Mapping[str, Any]) -> str:
+    """An entry for an object that the scene has."""
+    entries = (item for items in objects.values() if isinstance(items, list) for item in items)
+    found = {str(item["obj_id"]) for item in entries if isinstance(item, dict) and "obj_id" in item}
+    known = ", ".join(sorted(found, key=lambda name: (len(name), name))[:10])
+    return (
+        f'what its objects are, such as {{"{min(found)}": "mug"}}; it has {known}'
+        if found
+        else CATEGORIES_EXAMPLE
+    )
 
 
 def _by_number(path: Path, example: str) -> dict[str, Any]:
@@ -156,7 +179,7 @@ def _camera(entry: Any, key: str, size: tuple[int, int], path: Path) -> tuple[In
         fx, _, cx, _, fy, cy = map(float, entry["cam_K"][:6])
         scale_mm = float(entry["depth_scale"])
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        told = f"{path} lacks {error} of picture {key}; write {CAMERA_EXAMPLE}"
+        told = f"{path} {what_is_wrong(error)} of picture {key}; write {CAMERA_EXAMPLE}"
         raise InputError("scene_camera", told) from error
     intrinsics = Intrinsics(*size, fx, fy, cx, cy)
     if not (intrinsics.is_sound and 0 < scale_mm < np.inf):

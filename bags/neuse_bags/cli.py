@@ -54,7 +54,9 @@ def run_command(
         return BAD_INPUT
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
-        print(f"{parser.prog}: {where}{error.strerror or error}; choose another place", file=sys.stderr)
+        missing = isinstance(error, FileNotFoundError)
+        hint = "check the name of the file" if missing else "choose another place"
+        print(f"{parser.prog}: {where}{error.strerror or error}; {hint}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
         return INTERRUPTED

@@ -16,6 +16,7 @@ from neuse_bags.frames import JOINED, read_frames
 from neuse_bags.mcap_file import BagReader, BagTopic
 from neuse_bags.roles import ROLES, Role
 from neuse_bags.scale import ScaleCheck
+from neuse_bags.trajectory_files import another_clock
 from neuse_encoder_node.conversions import is_distorted
 
 N_SAMPLES = 20
@@ -59,9 +60,10 @@ def inspect_bag(bag: BagReader, known_categories: Collection[str] | None = None)
     if not any(finding.fatal for finding in findings):
         stamps_ns, categories = _read_stamps(bag)
         paired_ns = sorted(set.intersection(*map(set, stamps_ns.values())))
-        findings += [*_pairing(stamps_ns, len(paired_ns)), *_frame_faults(bag, paired_ns)]
+        known = known_categories or categories
+        findings += [*_pairing(stamps_ns, len(paired_ns)), *_other_clocks(bag, paired_ns)]
+        findings += [*_category_faults(categories, known), *_frame_faults(bag, paired_ns, known)]
         findings += _distortion(bag)
-        findings += _category_faults(categories, known_categories or categories)
     duration_s = max(bag.end_ns - bag.start_ns, 0) / 1e9
     faults, notes = (tuple(f.text for f in findings if f.fatal == fatal) for fatal in (True, False))
     return BagReport(bag.path, duration_s, found, len(paired_ns), categories, faults, notes)
@@ -133,24 +135,43 @@ def _offset_ms(stamps_ns: np.ndarray, others_ns: np.ndarray) -> float:
     return float(np.median(offsets_ns)) / 1e6
 
 
-def _frame_faults(bag: BagReader, paired_ns: Sequence[int]) -> list[Finding]:
+def _other_clocks(bag: BagReader, frames_ns: Sequence[int]) -> Iterator[Finding]:
+    """Topics of poses, none of which is at the time of a frame."""
+    for name in (topics.ODOMETRY.name, topics.TRUE_ODOMETRY.name):
+        apart = another_clock([message.header_stamp_ns for message in bag.messages([name])], frames_ns)
+        if apart:
+            yield Finding(f"{name}: {apart}; give both the stamps of one clock, or leave {name} out")
+
+
+def _frame_faults(bag: BagReader, paired_ns: Sequence[int], known: Collection[str]) -> Iterator[Finding]:
     """What is wrong with some frames out of the whole bag, each kind of fault once."""
-    from neuse.embedding.observe import check_frame  # loads torch, which folders are converted without
+    from neuse_bags.usable import UsableCheck  # loads torch, which folders are converted without
 
     chosen = np.linspace(0, len(paired_ns) - 1, min(N_SAMPLES, len(paired_ns))).astype(int)
     faults: list[InputError] = []
-    scale = ScaleCheck()
+    scale, usable = ScaleCheck(), UsableCheck(known)
     for frame in read_frames(bag, faults.append, {paired_ns[index] for index in chosen}):
         try:
-            check_frame(frame)
+            usable.add(frame)
             scale.add(frame)
         except InputError as fault:
             faults.append(fault)
-    by_reason = {fault.reason: _named(fault) for fault in reversed(faults)}
+    yield from _whole_frames(faults, len(chosen))
     unit = scale.fault()
     if unit:
-        by_reason["unit"] = f"{topics.DEPTH.name}: {unit}; send 16UC1 in millimetres or 32FC1 in metres"
-    return [Finding(text) for text in by_reason.values()]
+        told = f"{topics.DEPTH.name}: {unit.text}; send 16UC1 in millimetres or 32FC1 in metres"
+        yield Finding(f"{told}: multiply by {unit.factor:g}")
+    elif usable.refused():
+        told = f"{usable.n_usable} instances in {len(chosen)} frames can be used; refused: {usable.refused()}"
+        yield Finding(f"{topics.MASK.name}, {topics.DEPTH.name}: {told}", fatal=not usable.n_usable)
+
+
+def _whole_frames(faults: Sequence[InputError], n_frames: int) -> Iterator[Finding]:
+    """Frames that cannot be used at all; few of them do no harm."""
+    by_reason = {fault.reason: _named(fault) for fault in reversed(faults)}
+    fatal = 2 * len(faults) > n_frames
+    few = "" if fatal else f" (of {n_frames} frames looked at, {len(faults)} cannot be used)"
+    yield from (Finding(f"{text}{few}", fatal) for text in by_reason.values())
 
 
 def _distortion(bag: BagReader) -> Iterator[Finding]:

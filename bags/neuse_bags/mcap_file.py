@@ -194,12 +194,22 @@ def _reading(path: Path) -> Iterator[None]:
     try:
         yield
     except FileNotFoundError as error:
-        raise BagError(f"{path} does not exist") from error
+        raise BagError(_not_found(path)) from error
     except BagError:
         raise
     except Exception as error:  # a damaged file can fail anywhere inside the parser
         hint = "not a ROS 2 bag, or truncated; `mcap recover` saves what is left of a truncated file"
         raise BagError(f"{path} cannot be read ({error or type(error).__name__}): {hint}") from error
+
+
+def _not_found(path: Path) -> str:
+    if not path.is_dir():
+        return f"{path} does not exist"
+    told = f"{path} is a folder without metadata.yaml, so no rosbag2 folder"
+    files = sorted([*path.glob("*.mcap"), *path.glob("*.db3")])
+    if files:
+        return f"{told}; give a file of it, such as {files[0]}, or make one: ros2 bag reindex {path}"
+    return f"{told}; give an .mcap file, or make one of pictures: neuse_bags convert {path} --out X.mcap"
 
 
 def _bag_topic(connection: Connection) -> BagTopic:

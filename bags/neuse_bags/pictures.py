@@ -3,7 +3,7 @@
 import json
 import os
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -35,14 +35,18 @@ class FrameSource:
     """Somebody's recording, whatever its layout.
 
     frames: makes the frames one by one; raises InputError where one cannot be made.
-    unit_hint: where the unit of depth is written.    notes: what was left out, for people.
+    unit_hint: says where to write the unit of depth, given the factor that it is to be multiplied by.
+    label_hint: where the labels of the masks are written, and how.    notes: what was left out, for people.
+    skipped: grows while the frames are made: the colour pictures that could not be used.
     """
 
     n_frames: int
     frames: Callable[[], Iterator[RgbdFrame]]
     trajectories: Trajectories
-    unit_hint: str
+    unit_hint: Callable[[float], str]
+    label_hint: str
     notes: tuple[str, ...] = ()
+    skipped: Sequence[InputError] = ()
 
 
 def read_picture(
@@ -70,6 +74,17 @@ def read_picture(
             f"{3 if colored else 1} channel(s) of {wanted} bit",
         )
     return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB) if colored else pixels
+
+
+def read_color(
+    path: Path, size: tuple[int, int], asked_by: str, skipped: list[InputError]
+) -> np.ndarray | None:
+    """(h, w, 3) uint8 RGB; None where it cannot be used, as it is for people; its fault joins `skipped`."""
+    try:
+        return read_picture(path, size, COLOR_KINDS, asked_by)
+    except InputError as error:
+        skipped.append(error)
+        return None
 
 
 def check_png(data: bytes, most_pixels: int, name: str) -> None:
@@ -109,6 +124,11 @@ def read_json(path: Path, example: str) -> dict[str, Any]:
     return content
 
 
+def what_is_wrong(error: Exception) -> str:
+    """A failed look-up or conversion, in words that go on behind the name of a file."""
+    return f"lacks {error}" if isinstance(error, KeyError) else f"has a wrong entry ({error})"
+
+
 def intrinsics_from(values: Any, path: Path) -> Intrinsics:
     """Pinhole camera from an object with width, height, fx, fy, cx, cy.
 
@@ -119,9 +139,8 @@ def intrinsics_from(values: Any, path: Path) -> Intrinsics:
         width, height = int(values["width"]), int(values["height"])
         fx, fy, cx, cy = (float(values[name]) for name in ("fx", "fy", "cx", "cy"))
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise InputError(
-            path.stem, f"{path} lacks {error}; write width, height, fx, fy, cx, cy in pixels"
-        ) from error
+        told = f"{path} {what_is_wrong(error)}; write width, height, fx, fy, cx, cy in pixels"
+        raise InputError(path.stem, told) from error
     made = Intrinsics(width, height, fx, fy, cx, cy)
     if not made.is_sound:
         told = f"{path} has focal length {fx:g}, {fy:g} and size {width} x {height}"

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import yaml
 
-from neuse.errors import BagError, ParamError
+from neuse.errors import BagError, NeuseError, ParamError
 from neuse_bags import compressed
 from neuse_bags.mcap_file import BagReader, BagTopic, RawMessage
 from neuse_bags.roles import ROLES
+from neuse_bags.topics import COLOR
 
 KNOWN = {role.topic.name: role.topic.type_name for role in ROLES}
 
@@ -17,7 +18,8 @@ KNOWN = {role.topic.name: role.topic.type_name for role in ROLES}
 class RenamedBag(BagReader):
     """A bag seen through a table of names. A topic whose name another one is given is not seen.
 
-    Compressed images on a topic of the graph that takes images are seen as images.
+    Compressed images on a topic of the graph that takes images are seen as images. Colour pictures that
+    cannot be unpacked are passed over, and their faults join `skipped`.
 
     Raises:
         BagError: like BagReader; or the bag lacks a topic of the table.
@@ -35,6 +37,7 @@ class RenamedBag(BagReader):
         self._new_names = kept | dict(names)
         renamed = (replace(self.topics[old], name=new) for old, new in self._new_names.items())
         self._packed = set[str]()
+        self.skipped: list[NeuseError] = []
         self.topics = {topic.name: self._plain(topic) for topic in renamed}
 
     def _plain(self, topic: BagTopic) -> BagTopic:
@@ -48,12 +51,23 @@ class RenamedBag(BagReader):
         """Messages in the order of their log stamps, of all topics or of those given, under the new names.
 
         Raises:
-            BagError: as BagReader's.    InputError: a compressed image cannot be unpacked.
+            BagError: as BagReader's.    InputError: a compressed depth image or mask cannot be unpacked.
         """
         wanted = [old for old, new in self._new_names.items() if topics is None or new in topics]
         for message in super().messages(wanted):
             renamed = replace(message, topic=self._new_names[message.topic])
-            yield compressed.unpacked(renamed) if renamed.topic in self._packed else renamed
+            seen = self._unpacked(renamed) if renamed.topic in self._packed else renamed
+            if seen is not None:
+                yield seen
+
+    def _unpacked(self, message: RawMessage) -> RawMessage | None:
+        try:
+            return compressed.unpacked(message)
+        except NeuseError as error:
+            if message.topic != COLOR.name:
+                raise
+            self.skipped.append(error)
+            return None
 
 
 def read_names(entries: Sequence[str]) -> dict[str, str]:

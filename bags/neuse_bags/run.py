@@ -7,6 +7,7 @@ truth is read from the same BAG, after the run; without any, the figures that ne
 import argparse
 import sys
 from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from tqdm import tqdm
@@ -15,6 +16,7 @@ from neuse.embedding.embedding import load_embeddings
 from neuse.errors import BagError, InputError
 from neuse.geometry import Array
 from neuse.pipeline import Pipeline
+from neuse.records import Rejection
 from neuse_bags import topics
 from neuse_bags.cli import add_weights, command_parser, run_command, stop_on_signal
 from neuse_bags.evaluate import RECORDING, evaluate_recording, refuse_overwriting
@@ -36,6 +38,11 @@ class Faults:
             print(f"run: {error.reason}: {error}", file=sys.stderr)
         self.counts[error.reason] += 1
 
+    def add_rejections(self, rejections: Sequence[Rejection]) -> None:
+        """Count instances that the front end refused."""
+        for rejection in rejections:
+            self.add(InputError(rejection.reason, rejection.detail))
+
 
 def run_pipeline(
     bag: BagReader, writer: BagWriter, pipeline: Pipeline, T_child_camera: Array = IDENTITY
@@ -54,7 +61,9 @@ def run_pipeline(
     with stop_on_signal() as stop:
         for frame in tqdm(read_frames(bag, faults.add), total=total, unit="frame"):
             try:
-                recorder.add(pipeline.step(frame, odometry.at(frame.stamp_ns)))
+                result = pipeline.step(frame, odometry.at(frame.stamp_ns))
+                recorder.add(result)
+                faults.add_rejections(result.observed.rejections)
             except InputError as error:
                 faults.add(error)
             if stop.is_set():
@@ -77,9 +86,19 @@ def run(args: argparse.Namespace) -> None:
         with BagWriter(recording) as writer:
             pipeline = Pipeline(params.pipeline, embeddings)
             faults = run_pipeline(bag, writer, pipeline, params.slam_node.camera_pose)
-    for reason, count in faults.items():
-        print(f"run: {count} x {reason}", file=sys.stderr)
+    for line in _summary(faults, len(pipeline.mapper.object_map.objects)):
+        print(f"run: {line}", file=sys.stderr)
     print(evaluate_recording(recording, args.bag, args.out, args.weights))
+
+
+def _summary(faults: Mapping[str, int], n_objects: int) -> Iterator[str]:
+    """What was not used, and why no object was mapped where there is none."""
+    counts = sorted(faults.items(), key=lambda item: -item[1])
+    if counts:
+        yield "not used: " + ", ".join(f"{count} x {reason}" for reason, count in counts)
+    if not n_objects:
+        often = f"most frequent fault: {counts[0][0]}" if counts else "too few frames show the same object"
+        yield f"no object was mapped; {often}; see `neuse_bags info BAG`"
 
 
 def parser() -> argparse.ArgumentParser:

@@ -1,5 +1,6 @@
 """Trajectory files of the TUM kind, and stamps that are written in seconds."""
 
+from collections.abc import Collection
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from neuse_bags.pictures import Poses
 from neuse_slam_node.poses import FARTHEST_M
 
 LATEST_NS = 2**31 * 10**9  # beyond what a message can hold
+NEAR_NS = 500_000_000
 
 
 def read_tum(path: Path, first_ns: int = 0) -> Poses:
@@ -23,6 +25,35 @@ def read_tum(path: Path, first_ns: int = 0) -> Poses:
     if not path.exists():
         return []
     return [_pose(line, path, first_ns) for line in read_lines(path)]
+
+
+def read_poses(path: Path, frames_ns: Collection[int], first_ns: int = 0) -> Poses:
+    """As `read_tum`, of a camera whose frames have the stamps frames_ns.
+
+    Raises:
+        InputError: as read_tum's; or no pose is at the time of a frame.
+    """
+    poses = read_tum(path, first_ns)
+    apart = another_clock([stamp_ns for stamp_ns, _ in poses], frames_ns, first_ns)
+    if apart:
+        told = f"{path}: {apart}; write its stamps in the clock of the depth pictures, or leave the file out"
+        raise InputError("other_clock", told)
+    return poses
+
+
+def another_clock(poses_ns: Collection[int], frames_ns: Collection[int], first_ns: int = 0) -> str | None:
+    """What is wrong with stamps of poses, of which none is at the time of a frame; None where some are."""
+    poses, frames = np.unique(np.array(poses_ns, np.int64)), np.unique(np.array(frames_ns, np.int64))
+    if not len(poses) or not len(frames):
+        return None
+    after = np.searchsorted(poses, frames)
+    around = poses[np.stack([np.maximum(after - 1, 0), np.minimum(after, len(poses) - 1)])]
+    if np.abs(around - frames).min() <= NEAR_NS:
+        return None
+    of_poses, of_frames = (
+        f"{(s[0] - first_ns) / 1e9:.3f} to {(s[-1] - first_ns) / 1e9:.3f} s" for s in (poses, frames)
+    )
+    return f"no pose is at the time of a frame: poses are at {of_poses}, depth at {of_frames}"
 
 
 def read_lines(path: Path) -> list[list[str]]:

@@ -14,7 +14,8 @@ masks/instances.json  what the labels are: {"1": "mug", "2": "bottle"}, or for e
 
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,17 +24,17 @@ import numpy as np
 from neuse.errors import InputError
 from neuse.records import Instance, Intrinsics, RgbdFrame
 from neuse_bags.pictures import (
-    COLOR_KINDS,
     DEPTH_KINDS,
     MASK_KINDS,
     FrameSource,
     Trajectories,
     intrinsics_from,
     make_instance,
+    read_color,
     read_json,
     read_picture,
 )
-from neuse_bags.trajectory_files import read_lines, read_tum, seconds_to_ns
+from neuse_bags.trajectory_files import read_lines, read_poses, seconds_to_ns
 
 MARK = "depth.txt"
 TOLERANCE_NS = 20_000_000
@@ -53,6 +54,7 @@ class TumFolder:
     depth_scale_m: float
     pairs: Pairs
     labels: dict[str, Any]
+    skipped: list[InputError] = field(default_factory=list)
 
     def frames(self) -> Iterator[RgbdFrame]:
         """The frames, one by one.
@@ -72,12 +74,17 @@ class TumFolder:
             mask=self._picture(f"masks/{name}.png", MASK_KINDS, "rgb.txt" if color else "depth.txt"),
             instances=_instances(self.labels, name, self.path),
             intrinsics=self.intrinsics,
-            color=None if color is None else self._picture(color, COLOR_KINDS, "rgb.txt"),
+            color=None
+            if color is None
+            else read_color(self.path / color, self._size, "rgb.txt", self.skipped),
         )
 
     def _picture(self, name: str, kinds: tuple[type, ...], asked_by: str) -> np.ndarray:
-        size = (self.intrinsics.width, self.intrinsics.height)
-        return read_picture(self.path / name, size, kinds, asked_by)
+        return read_picture(self.path / name, self._size, kinds, asked_by)
+
+    @property
+    def _size(self) -> tuple[int, int]:
+        return self.intrinsics.width, self.intrinsics.height
 
 
 def open_tum(path: Path) -> FrameSource:
@@ -93,11 +100,33 @@ def open_tum(path: Path) -> FrameSource:
     pairs = _paired(depth, _listing(colors), path) if colors.exists() else _alone(depth)
     labels = read_json(path / "masks" / "instances.json", INSTANCES_EXAMPLE)
     folder = TumFolder(path, intrinsics, scale_m, pairs, labels)
-    trajectories = Trajectories(read_tum(path / "odometry.txt"), read_tum(path / "groundtruth.txt"))
-    hint = f"write the millimetres of one unit as depth_scale (now {scale_m * 1e3:g}) in {camera_json}"
+    stamps_ns = [stamp_ns for stamp_ns, _, _ in pairs]
+    odometry, truth = (read_poses(path / name, stamps_ns) for name in ("odometry.txt", "groundtruth.txt"))
     left_out = f"{len(depth) - len(pairs)} depth pictures without a colour picture at their time are left out"
-    notes = (left_out,) if len(pairs) < len(depth) else ()
-    return FrameSource(len(pairs), folder.frames, trajectories, hint, notes)
+    return FrameSource(
+        n_frames=len(pairs),
+        frames=folder.frames,
+        trajectories=Trajectories(odometry, truth),
+        unit_hint=partial(_unit_hint, camera_json, scale_m * 1e3),
+        label_hint=_label_hint(path / "masks" / "instances.json", labels, pairs),
+        notes=(left_out,) if len(pairs) < len(depth) else (),
+        skipped=folder.skipped,
+    )
+
+
+def _unit_hint(file: Path, scale_mm: float, factor: float) -> str:
+    told = f"write about {scale_mm * factor:g} as depth_scale (now {scale_mm:g})"
+    return f"{told}, the millimetres of one unit, in {file}"
+
+
+def _label_hint(file: Path, labels: dict[str, Any], pairs: Pairs) -> str:
+    _, depth, color = pairs[0]
+    example = f'{{"{Path(color or depth).stem}": {{"1": "mug"}}, ...}}'
+    return f"write into {file} {example if _is_nested(labels) else INSTANCES_EXAMPLE}"
+
+
+def _is_nested(labels: dict[str, Any]) -> bool:
+    return any(isinstance(value, dict) for value in labels.values())
 
 
 def _alone(depth: Listing) -> Pairs:
@@ -146,8 +175,7 @@ def _nearest(stamps_ns: Sequence[int], stamp_ns: int) -> int:
 def _instances(labels: dict[str, Any], name: str, path: Path) -> tuple[Instance, ...]:
     """What the labels of one mask are."""
     file = path / "masks" / "instances.json"
-    nested = any(isinstance(value, dict) for value in labels.values())
-    own = labels.get(name, {}) if nested else labels
+    own = labels.get(name, {}) if _is_nested(labels) else labels
     if not isinstance(own, dict):
         raise InputError("instances", f"{file} has no labels for {name}; write {INSTANCES_EXAMPLE}")
     return tuple(

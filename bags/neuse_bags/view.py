@@ -70,7 +70,13 @@ def _open(scenes: ModuleType, out: Path | None) -> Any:
     """A recording into a file, or into a viewer that is started."""
     recording = scenes.rr.RecordingStream(APPLICATION)
     if out is None:
-        recording.spawn(default_blueprint=scenes.blueprint())
+        try:
+            recording.spawn(default_blueprint=scenes.blueprint())
+        except RuntimeError as error:
+            told = (
+                f"the viewer cannot be started: {str(error).splitlines()[0] if str(error) else 'no reason'}"
+            )
+            raise NeuseError(f"{told}; write a file instead: --out X.rrd") from error
     else:
         out.parent.mkdir(parents=True, exist_ok=True)
         recording.save(out, default_blueprint=scenes.blueprint())

@@ -11,6 +11,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 
+from neuse.errors import ParamError
 from neuse_encoder_node.stage_node import StageNode
 
 try:  # spends less on each message; the first releases of Jazzy do not have it
@@ -32,7 +33,7 @@ def run(make_node: Callable[[], StageNode]) -> int:
         return _refuse_to_start(error)
     try:
         node = make_node()
-    except ParameterException as error:
+    except (ParameterException, ParamError) as error:
         return _refuse_to_start(error)
     if node.get_parameter("autostart").value and node.trigger_configure() == TransitionCallbackReturn.SUCCESS:
         node.trigger_activate()

@@ -19,8 +19,9 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Header
 
 from neuse.errors import InputError, NeuseError
-from neuse.params import CheckedParams, param
+from neuse.params import CheckedParams, flatten, param
 from neuse_encoder_node.health import DROPPED, Health
+from neuse_encoder_node.overrides import check_overrides
 from neuse_encoder_node.parameters import declare_parameters, read_parameters
 from neuse_encoder_node.stamps import StampOrder, Succession
 from neuse_encoder_node.worker import Worker
@@ -71,6 +72,7 @@ class StageNode(LifecycleNode):
         self._change_state = self._service_change_state.callback
         self._service_change_state.callback = self._change_state_if_possible
         declare_parameters(self, defaults)
+        check_overrides(self, flatten(defaults))
         self.add_on_set_parameters_callback(self._check_parameters)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)

@@ -29,6 +29,7 @@ from neuse_mapper_node.canvas import Canvas
 from neuse_mapper_node.decoding import Decoding
 from neuse_mapper_node.keyframe_match import Estimates, KeyframeMatch
 from neuse_mapper_node.params import MapperNodeParams
+from neuse_mapper_node.save_place import BEFORE_RESET, check_place
 from neuse_msgs.msg import KeyframeArray, ObjectMap, TrackedFrame
 from neuse_msgs.srv import LoadMap, SaveMap
 from neuse_slam_node.conversions import tracked_frame_from_msg
@@ -49,6 +50,8 @@ class MapperNode(StageNode):
 
     def build(self, params: MapperNodeParams) -> None:
         self._params = params
+        if params.save_path:
+            check_place(params.save_path)
         embeddings = load_embeddings(params.weights, params.device)
         decoders = {category: self._decoder(embedding) for category, embedding in embeddings.items()}
         self._mapper = ObjectMapper(decoders, params.mapper)
@@ -112,6 +115,8 @@ class MapperNode(StageNode):
         self._publish_due()
 
     def forget(self) -> None:
+        if self._params.save_path:
+            self._keep(self._params.save_path + BEFORE_RESET)
         self._clear()
         self._sessions.forget()
         if self._params.load_path:
@@ -153,10 +158,13 @@ class MapperNode(StageNode):
         self._publish_changes(self._mapper.finalize())
         self._publish_map(self._mapper.object_map)
         self._draw()
-        if self._params.save_path and self._mapper.places():
-            self._save_at_the_end(self._params.save_path)
+        if self._params.save_path:
+            self._keep(self._params.save_path)
 
-    def _save_at_the_end(self, path: str) -> None:
+    def _keep(self, path: str) -> None:
+        """Write the map before it is gone; an empty one is none."""
+        if not self._mapper.places():
+            return
         try:
             self._mapper.save(path)
             self.get_logger().info(f"{len(self._mapper.places())} objects written to {path}")

@@ -3,6 +3,7 @@
 All runs go through one pair of processes; stamps go back from run to run, as those of a bag that is looped.
 """
 
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +18,7 @@ from wandering import Graph, assert_map_is_true, messages_of, prepared, start_gr
 from neuse.geometry import exp
 from neuse.records import ObjectMap
 from neuse_encoder_node.conversions import stamp_from_msg
+from neuse_encoder_node.node import INPUTS
 from neuse_msgs.msg import ObjectObservationArray
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -112,6 +114,38 @@ def test_slam_node_that_is_killed_and_started_again_finds_its_place_in_the_map(g
     after = final_map(graph, steps[95 + used : 100 + used])
     assert {item.object_id for item in after.objects} == {item.object_id for item in before.objects}
     assert_map_is_true(after, world.things, steps[0].T_world_camera)
+
+
+def test_frames_of_which_messages_are_lost_are_counted_and_the_encoder_goes_on(node: Node, start_node):
+    peer = Peer(node, "encoder_node")
+    seen = peer.listen(ObjectObservationArray, "neuse/observations")
+    queues = {"input_depth": 1000, "queue_size": 1000}  # nothing else is lost
+    encoder = start_node("encoder_node", input_reliable=True, weights="['mug']", **queues)
+    for topic, message in frame_messages(1).by_topic().items():
+        peer.connect(type(message), topic)
+    peer.meet()
+    arrived = send_with_loss(peer, start_ns=10**9, n_frames=60)
+    whole = [stamp_ns for stamp_ns, n_messages in arrived.items() if n_messages == len(INPUTS)]
+    parts = [stamp_ns for stamp_ns in arrived if stamp_ns not in whole and stamp_ns < whole[-1]]
+    assert len(parts) > 10
+    peer.wait_for_stamp("neuse/observations", whole[-1])
+    assert [stamp_from_msg(message.header.stamp) for message in seen] == whole
+    peer.wait_for_count("incomplete_frame", len(parts))
+    peer.wait_for_count("frames", len(whole))
+    assert (peer.count("incomplete_frame"), peer.count("frames")) == (len(parts), len(whole))
+    assert encoder.end() == 0
+
+
+def send_with_loss(peer: Peer, start_ns: int, n_frames: int) -> dict[int, int]:
+    """Frames of which each message may get lost by itself; how many of each frame are sent, by stamp."""
+    rng, arrived = np.random.default_rng(7), Counter[int]()
+    for stamp_ns in range(start_ns, start_ns + n_frames * 10**8, 10**8):
+        for topic, message in frame_messages(stamp_ns).by_topic().items():
+            if rng.random() >= LOST:
+                peer.send(topic, message)
+                arrived[stamp_ns] += 1
+        peer.spin(0.02)
+    return arrived
 
 
 def test_encoder_that_is_killed_and_started_again_goes_on(node: Node, start_node):

@@ -1,23 +1,33 @@
 """Nodes under a lifecycle manager, with wrong parameters, and told to change parameters while they work."""
 
+import signal
 from pathlib import Path
 
 import pytest
-from conftest import START_S
+from conftest import START_S, RunningNode
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from mapping.synthetic import five_things, make_world, orbit
 from peer import Peer
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from rclpy.node import Node
 
+from neuse.mapping.mapper import ObjectMapper
+
 pytestmark = pytest.mark.ros
 
 
 @pytest.fixture(scope="module")
-def peer(node: Node, start_node) -> Peer:
-    start_node("slam_node", autostart=False)
+def slam(start_node, tmp_path_factory: pytest.TempPathFactory) -> RunningNode:
+    shared = tmp_path_factory.mktemp("params") / "shared.yaml"
+    shared.write_text("/**: {ros__parameters: {use_sim_time: false, slam: {keyframs: {near_m: 0.2}}}}")
+    return start_node("slam_node", autostart=False, params_file=shared)
+
+
+@pytest.fixture(scope="module")
+def peer(node: Node, slam: RunningNode) -> Peer:
     return Peer(node, "slam_node")
 
 
@@ -94,6 +104,28 @@ def test_node_with_a_value_of_the_wrong_type_says_so_in_one_line(start_node):
     assert "Traceback" not in node.output
 
 
+def test_node_with_an_integer_for_a_decimal_says_what_to_write(start_node):
+    node = start_node("slam_node", **{"slam.stamp_tolerance_s": 1})
+    assert node.process.wait(timeout=START_S) == 2
+    assert "parameter slam.stamp_tolerance_s = 1 is none; write 1.0" in node.output
+    assert "Traceback" not in node.output
+
+
+def test_node_with_a_parameter_that_it_does_not_have_names_the_nearest(start_node):
+    node = start_node("mapper_node", save_pth="/tmp/room.map")
+    assert node.process.wait(timeout=START_S) == 2
+    assert "mapper_node has no parameter 'save_pth' (near: save_path" in node.output
+    assert "Traceback" not in node.output
+
+
+def test_file_of_all_nodes_may_have_what_this_one_does_not_know_and_that_is_told(
+    peer: Peer, slam: RunningNode
+):
+    assert state(peer)
+    (told,) = [line for line in slam.output.splitlines() if "has no parameter" in line]
+    assert "slam_node has no parameter 'slam.keyframs.near_m' (near: slam.keyframes.near_m" in told
+
+
 def test_parameter_file_that_is_missing_is_told_in_one_line(start_node):
     node = start_node("slam_node", params_file="/nowhere/slam.yaml")
     assert node.process.wait(timeout=START_S) == 2
@@ -118,6 +150,32 @@ def test_node_that_cannot_be_configured_says_why_and_waits(node: Node, start_nod
     assert "cannot configure" in mapper.output
     assert mapper.process.poll() is None
     mapper.end()
+
+
+def test_place_of_the_map_that_cannot_be_written_to_is_told_at_the_start(node: Node, start_node):
+    mapper = start_node("mapper_node", save_path="/nodir/x/room.map", weights="['mug']")
+    peer = Peer(node, "mapper_node")
+    peer.wait_for(lambda: "/nodir/x does not exist" in peer.message, "an error in /diagnostics")
+    assert peer.level == DiagnosticStatus.ERROR
+    assert "cannot configure: save_path '/nodir/x/room.map'" in mapper.output
+    mapper.end()
+
+
+def test_map_that_cannot_be_saved_at_the_end_is_told_and_counted(node: Node, start_node, tmp_path: Path):
+    known, folder = tmp_path / "known.map", tmp_path / "kept"
+    folder.mkdir()
+    world = make_world(five_things(), ObjectMapper({}))
+    world.tour(orbit(count=16))
+    world.mapper.save(known)
+    mapper = start_node("mapper_node", load_path=known, save_path=folder / "room.map", weights="['mug']")
+    peer = Peer(node, "mapper_node")
+    peer.wait_for_count("objects", 5)
+    folder.rmdir()
+    mapper.process.send_signal(signal.SIGINT)
+    peer.wait_for_count("map_not_saved")
+    assert mapper.end() == 0
+    assert f"map_not_saved: cannot write the map to {folder / 'room.map'}" in mapper.output
+    assert "Traceback" not in mapper.output
 
 
 def test_damaged_weights_are_told_and_the_node_works_once_they_are_replaced(

@@ -74,8 +74,13 @@ class Mapper:
 
 
 @pytest.fixture(scope="module")
-def mapper(start_node):
-    return start_node("mapper_node", map_period_s=0.0)
+def save_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("kept") / "room.map"
+
+
+@pytest.fixture(scope="module")
+def mapper(start_node, save_path: Path):
+    return start_node("mapper_node", map_period_s=0.0, save_path=save_path)
 
 
 @pytest.fixture(scope="module")
@@ -224,8 +229,9 @@ def test_map_that_cannot_be_written_is_told(mapped: Mapper, sent, tmp_path: Path
 
 
 def test_stamps_that_go_back_start_a_new_map_and_the_end_tells_what_was_held_back(
-    mapped: Mapper, told: Told, sent, mapper
+    mapped: Mapper, told: Told, sent, mapper, save_path: Path
 ):
+    known = {known.object_id for known in mapped.maps[-1].objects}
     frames, heard = mapped.peer.count("frames"), mapped.peer.heard["neuse/changes"]
     heard.clear()
     for frame, keyframes in told.fed:
@@ -239,3 +245,7 @@ def test_stamps_that_go_back_start_a_new_map_and_the_end_tells_what_was_held_bac
     assert [(m.kind, m.object_id) for m in heard] == [(c.kind, c.object_id) for c in wanted]
     assert mapper.end() == 0
     assert "Traceback" not in mapper.output
+    kept = ObjectMapper({})
+    kept.load(f"{save_path}.before-reset")
+    assert kept.places().keys() == known
+    assert f"{len(known)} objects written to {save_path}.before-reset" in mapper.output

@@ -47,6 +47,13 @@ def test_build_refuses_a_value_outside_its_range():
         build(Outer(), {"inner.gate_m": 3.0})
 
 
+def test_errors_of_nested_parameters_tell_the_dotted_name():
+    with pytest.raises(ParamError, match=r"parameter inner\.gate_m = 3.0 is outside"):
+        build(Outer(), {"inner.gate_m": 3.0})
+    with pytest.raises(ParamError, match=r"unknown parameter 'inner\.gate'"):
+        build(Outer(), {"inner.gate": 1.0})
+
+
 @pytest.mark.parametrize("value", [0.0, 1.0, 2.0])
 def test_range_is_closed(value):
     assert Inner(gate_m=value).gate_m == value

@@ -26,10 +26,10 @@ def frames() -> list[RgbdFrame]:
 
 
 def _frame(stamp_ns: int, rng: np.random.Generator) -> RgbdFrame:
-    depth_mm = rng.integers(300, 5000, SIZE)
+    depth_mm = rng.integers(600, 640, SIZE)
     depth_mm[:2] = 0
     mask = np.zeros(SIZE, dtype=np.int32)
-    mask[5:12, 3:9], mask[8:20, 15:28] = 7, 200
+    mask[5:14, 3:10], mask[8:20, 15:28] = 7, 200
     instances = (Instance(7, "mug", 0.75), Instance(200, "bottle", 1.0))
     color = rng.integers(0, 255, (*SIZE, 3), dtype=np.uint8)
     return RgbdFrame(stamp_ns, depth_mm.astype(np.float32) * np.float32(1e-3), mask, instances, CAMERA, color)
@@ -87,6 +87,6 @@ def _write_pictures(folder: Path, name: str) -> None:
     rng = np.random.default_rng(int(name))
     mask = np.zeros(SIZE, dtype=np.uint8)
     mask[4:9, 4:9], mask[12:19, 20:29] = 7, 9
-    cv2.imwrite(str(folder / f"{name}_depth.png"), rng.integers(0, 4000, SIZE).astype(np.uint16))
+    cv2.imwrite(str(folder / f"{name}_depth.png"), rng.integers(500, 600, SIZE).astype(np.uint16))
     cv2.imwrite(str(folder / f"{name}_mask.png"), mask)
     cv2.imwrite(str(folder / f"{name}_color.png"), rng.integers(0, 255, (*SIZE, 3), dtype=np.uint8))

@@ -63,3 +63,9 @@ def test_handlers_are_given_back() -> None:
     with stop_on_signal():
         assert signal.getsignal(signal.SIGINT) is not before
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_missing_file_is_told_to_be_looked_for(capsys) -> None:
+    error = FileNotFoundError(2, "No such file or directory", "some/file")
+    assert run_command(command_parser("run", ""), _fail(error), []) == BAD_INPUT
+    assert capsys.readouterr().err.endswith("No such file or directory; check the name of the file\n")

@@ -103,12 +103,17 @@ def test_what_cannot_be_unpacked_is_told_with_its_topic_and_stamp(
         unpacked(message(topic, form, data))
 
 
-def packed_bag(path: Path, frames_bag: Path, pack: Callable[[np.ndarray], bytes] = png) -> Path:
+def packed_bag(
+    path: Path,
+    frames_bag: Path,
+    pack: Callable[[np.ndarray], bytes] = png,
+    color: Callable[[np.ndarray], bytes] = lambda pixels: png(pixels[..., ::-1]),
+) -> Path:
     """The bag with its pictures compressed and under other names; `pack` does it to the masks."""
     packers = {
         "/depth/image": ("16UC1; compressedDepth png", np.uint16, lambda p: depth_header() + png(p)),
         "/segmentation/mask": ("mono8; png compressed ", None, pack),
-        "/color/image": ("rgb8; png compressed bgr8", np.uint8, lambda p: png(p[..., ::-1])),
+        "/color/image": ("rgb8; png compressed bgr8", np.uint8, color),
     }
     names = {new: old for old, new in PACKED.items()}
     with BagReader(frames_bag) as bag, BagWriter(path) as writer:
@@ -161,3 +166,12 @@ def test_compressed_topics_are_offered_where_images_are_missing(
     source = packed_bag(tmp_path / "packed.mcap", frames_bag)
     assert main([str(source), "--out", str(tmp_path / "own.mcap")]) == 2
     assert "is it /cam/" in capsys.readouterr().err
+
+
+def test_damaged_colour_is_left_out_and_told(frames_bag: Path, tmp_path: Path, capsys) -> None:
+    source = packed_bag(tmp_path / "packed.mcap", frames_bag, color=lambda p: b"no picture")
+    words = [f"{old}:={new}" for old, new in PACKED.items()]
+    assert main([str(source), "--out", str(tmp_path / "own.mcap"), "--remap", *words]) == 0
+    assert "5 colour picture(s) left out" in capsys.readouterr().err
+    with BagReader(tmp_path / "own.mcap") as bag:
+        assert len(list(read_frames(bag, pytest.fail))) == 5

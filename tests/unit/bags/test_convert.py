@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from real_frames import REAL_FRAMES, needs_real_frames
 
-from bags.layouts import depth, make_bop, make_tum, write_picture
+from bags.layouts import depth, make_bop, make_tum, write_json, write_picture
+from neuse.errors import BagError
 from neuse_bags.convert import main
 from neuse_bags.frames import read_frames, read_odometry, with_color
 from neuse_bags.mcap_file import BagReader, BagWriter
@@ -84,8 +85,16 @@ def test_folder_of_no_layout_is_refused(tmp_path: Path, capsys) -> None:
 @pytest.mark.parametrize(
     ("make", "pattern", "told"),
     [
-        (make_tum, "depth/*.png", "write the millimetres of one unit as depth_scale (now 0.2) in "),
-        (make_bop, "depth/*.png", "write the millimetres of one unit as depth_scale in "),
+        (
+            make_tum,
+            "depth/*.png",
+            "write about 20 as depth_scale (now 0.2), the millimetres of one unit, in ",
+        ),
+        (
+            make_bop,
+            "depth/*.png",
+            "write the millimetres of one unit, about 100 times those now, as depth_scale in ",
+        ),
     ],
 )
 def test_wrong_unit_is_told_with_the_place_to_correct_it(make, pattern, told, tmp_path: Path, capsys) -> None:
@@ -139,3 +148,80 @@ def test_names_for_a_folder_are_refused(tmp_path: Path, capsys) -> None:
     arguments = [str(make_tum(tmp_path / "own")), "--out", str(tmp_path / "a.mcap"), "--remap", "/a:=/odom"]
     assert main(arguments) == 2
     assert "--remap is for bags" in last_words(capsys)
+
+
+def _spoil_mask(folder: Path) -> None:
+    next(iter(sorted(folder.glob("masks/*.png"))[1:])).write_bytes(b"no picture")
+
+
+def test_faulty_source_leaves_an_older_bag_as_it_was(tmp_path: Path, capsys) -> None:
+    folder, out = make_tum(tmp_path / "own"), tmp_path / "out" / "own.mcap"
+    assert main([str(folder), "--out", str(out)]) == 0
+    before = out.read_bytes()
+    _spoil_mask(folder)
+    assert main([str(folder), "--out", str(out)]) == 2
+    assert out.read_bytes() == before
+    assert list(out.parent.iterdir()) == [out]
+
+
+def test_bag_that_breaks_off_while_it_is_copied_leaves_nothing(
+    frames_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(bag: BagReader, writer: BagWriter) -> None:
+        raise BagError("damaged")
+
+    monkeypatch.setattr("neuse_bags.convert._copy", fail)
+    out = tmp_path / "out" / "own.mcap"
+    assert main([str(frames_bag), "--out", str(out)]) == 2
+    assert list(out.parent.iterdir()) == []
+
+
+def test_folder_cannot_be_the_bag(frames_bag: Path, tmp_path: Path, capsys) -> None:
+    (tmp_path / "a.mcap").mkdir()
+    for out in (tmp_path / "a.mcap", tmp_path / "a"):
+        assert main([str(frames_bag), "--out", str(out)]) == 2
+        assert "its name must end in .mcap, and be no folder's" in last_words(capsys)
+
+
+def test_damaged_colour_does_not_end_the_conversion_and_is_told(tmp_path: Path, capsys) -> None:
+    folder = make_tum(tmp_path / "own")
+    next(folder.glob("rgb/*.png")).write_bytes(b"no picture")
+    assert main([str(folder), "--out", str(tmp_path / "own.mcap")]) == 0
+    assert "convert: 1 colour picture(s) left out, which are for people only" in capsys.readouterr().err
+    with BagReader(tmp_path / "own.mcap") as bag:
+        assert (bag.topics["/depth/image"].n_messages, bag.topics["/color/image"].n_messages) == (2, 1)
+
+
+@pytest.mark.parametrize(
+    ("make", "file", "content", "example"),
+    [
+        (make_tum, "masks/instances.json", {"1.5": {"1": "mug"}}, '{"1305031102.180304": {"1": "mug"}, ...}'),
+        (make_tum, "masks/instances.json", {"7": "mug"}, '{"1": "mug", "2": "bottle"}'),
+        (make_bop, "categories.json", {"99": "mug"}, '{"13": "mug"}; it has 5, 7, 13'),
+    ],
+)
+def test_categories_that_match_nothing_are_refused_by_file(
+    make, file: str, content: dict, example: str, tmp_path: Path, capsys
+) -> None:
+    folder = make(tmp_path / "own")
+    write_json(folder / file, content)
+    assert main([str(folder), "--out", str(tmp_path / "own.mcap")]) == 2
+    said = last_words(capsys)
+    assert "no frame has an instance" in said
+    assert f"write into {folder / file}" in said
+    assert example in said
+    assert not (tmp_path / "own.mcap").exists()
+
+
+@pytest.mark.parametrize(("levels", "name"), [(1, "test"), (2, "set")])
+def test_several_scenes_are_told_to_be_given_one_by_one(
+    levels: int, name: str, tmp_path: Path, capsys
+) -> None:
+    scene = make_bop(tmp_path / "set" / "test" / "000048")
+    assert main([str(scene.parents[levels - 1]), "--out", str(tmp_path / "own.mcap")]) == 2
+    assert f"give one scene, such as {scene}" in last_words(capsys)
+
+
+def test_source_that_is_not_there_is_told(tmp_path: Path, capsys) -> None:
+    assert main([str(tmp_path / "no"), "--out", str(tmp_path / "own.mcap")]) == 2
+    assert "does not exist" in last_words(capsys)

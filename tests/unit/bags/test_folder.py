@@ -52,7 +52,6 @@ def test_missing_picture_is_refused_by_name(picture_folder: Folder, name: str) -
         ("00_depth.png", np.zeros((24, 31), np.uint16), "31 x 24 pixels"),
         ("00_depth.png", np.zeros((24, 32), np.uint8), "8 bit"),
         ("00_mask.png", np.zeros((24, 32, 3), np.uint8), r"3 channel\(s\)"),
-        ("00_color.png", np.zeros((48, 64, 3), np.uint8), "64 x 48 pixels"),
     ],
 )
 def test_picture_of_another_size_or_kind_is_refused(
@@ -88,10 +87,13 @@ def test_frames_json_that_is_no_json_is_refused(tmp_path: Path) -> None:
         ({"intrinsics": {"width": 32}}, "lacks 'height'"),
         ({"frames": [{"instances": []}]}, "lacks 'frame'"),
         ({"frames": [{"frame": 0}]}, "lacks 'instances'"),
-        ({"frames": []}, "has 0 frames"),
-        ({"frames": [{"frame": "first", "instances": []}]}, "lacks invalid literal"),
-        ({"rate_hz": 0}, "rate_hz 0 "),
-        ({"depth_scale_m": -1}, "depth_scale_m -1; all must be above zero"),
+        ({"frames": []}, "frames.json has no frames; write"),
+        (
+            {"frames": [{"frame": "first", "instances": []}]},
+            r"frames\.json has a wrong entry \(invalid literal.*write \{",
+        ),
+        ({"rate_hz": 0}, "frames.json has rate_hz 0; write"),
+        ({"depth_scale_m": -1}, "frames.json has depth_scale_m -1; write a number above zero"),
         ({"intrinsics": {"width": 32, "height": 24, "fx": 0, "fy": 1, "cx": 1, "cy": 1}}, "focal length 0"),
     ],
 )
@@ -104,7 +106,7 @@ def test_frames_json_that_lacks_something_is_refused(
 
 def test_instance_without_category_is_refused(picture_folder: Folder) -> None:
     folder = open_folder(picture_folder(frames=[{"frame": 0, "instances": [{"id": 1}]}]))
-    with pytest.raises(InputError, match="frame 00 lacks 'category'"):
+    with pytest.raises(InputError, match="lacks 'category' in an instance of frame 00"):
         list(folder.frames())
 
 
@@ -129,9 +131,8 @@ def test_trajectory_file_of_another_format_is_refused(tmp_path: Path, text: str)
 
 @pytest.mark.parametrize("stamp_s", [-1.0, 1.7e18])
 def test_stamp_that_no_message_can_hold_is_refused(picture_folder: Folder, stamp_s: float) -> None:
-    folder = open_folder(picture_folder(frames=[{"frame": 0, "stamp_s": stamp_s, "instances": []}]))
     with pytest.raises(InputError, match="write stamp_s in seconds"):
-        list(folder.frames())
+        open_folder(picture_folder(frames=[{"frame": 0, "stamp_s": stamp_s, "instances": []}]))
 
 
 @pytest.mark.parametrize(
@@ -144,7 +145,7 @@ def test_stamp_that_no_message_can_hold_is_refused(picture_folder: Folder, stamp
         ({"id": 1, "category": "mug", "score": 87}, "scores as shares of one"),
         ({"id": float("inf"), "category": "mug"}, "infinity"),
         ({"id": 1, "category": ["mug"]}, "write"),
-        (3, "an instance of frame 00 lacks"),
+        (3, "wrong entry .* in an instance of frame 00"),
     ],
 )
 def test_instance_that_no_mask_can_have_is_refused(
@@ -153,3 +154,65 @@ def test_instance_that_no_mask_can_have_is_refused(
     folder = open_folder(picture_folder(frames=[{"frame": 0, "instances": [instance]}]))
     with pytest.raises(InputError, match=told):
         list(folder.frames())
+
+
+def _frames(*entries: dict) -> list[dict]:
+    return [{"instances": []} | entry for entry in entries]
+
+
+def test_numbers_that_are_written_as_texts_are_taken(picture_folder: Folder) -> None:
+    frames = _frames({"frame": "0", "stamp_s": "0.5"}, {"frame": 12.0, "stamp_s": 2})
+    first, second = open_folder(picture_folder(frames=frames)).frames()
+    assert (first.stamp_ns, second.stamp_ns) == (1_500_000_000, 3_000_000_000)
+
+
+@pytest.mark.parametrize(
+    ("frames", "told"),
+    [
+        (_frames({"frame": float("inf")}), r"frames\.json has a wrong entry .*; write \{"),
+        (_frames({"frame": 0.5}), r"frames\.json has a wrong entry \(frame 0.5 is no count\)"),
+        (_frames({"frame": 0, "stamp_s": "soon"}), r"wrong entry .*; write .*stamp_s in seconds"),
+        (
+            _frames({"frame": 0, "stamp_s": 1.0}, {"frame": 1, "stamp_s": 1.0}),
+            "frames 0 and 1 at one time; write",
+        ),
+        (
+            _frames({"frame": 3}, {"frame": 3, "stamp_s": 1.0}),
+            "has frame 3 more than once; write each frame once",
+        ),
+        (7, "has no frames; write"),
+        ([7], "has a wrong entry"),
+    ],
+)
+def test_frames_that_no_bag_can_hold_are_refused_at_once(
+    picture_folder: Folder, frames: object, told: str
+) -> None:
+    with pytest.raises(InputError, match=told):
+        open_folder(picture_folder(frames=frames))
+
+
+@pytest.mark.parametrize("changes", [{"intrinsics": {"width": 32}}, {"intrinsics": None}, {"rate_hz": "x"}])
+def test_each_fault_names_the_file_once(picture_folder: Folder, changes: dict) -> None:
+    with pytest.raises(InputError) as told:
+        open_folder(picture_folder(**changes))
+    assert str(told.value).count("frames.json") == 1
+    assert "; write " in str(told.value)
+
+
+def test_damaged_colour_is_left_out_and_counted(picture_folder: Folder) -> None:
+    path = picture_folder()
+    (path / "00_color.png").write_bytes(b"no picture")
+    source = open_folder(path)
+    assert [frame.color is None for frame in source.frames()] == [True, False]
+    (fault,) = source.skipped
+    assert "00_color.png is not a readable picture" in str(fault)
+
+
+@pytest.mark.parametrize("name", ["odometry.tum", "ground_truth.tum"])
+def test_poses_of_another_clock_are_refused_by_file(picture_folder: Folder, name: str) -> None:
+    path = picture_folder()
+    (path / name).write_text("1700000000.0 1 2 3 0 0 0 1\n")
+    with pytest.raises(
+        InputError, match=rf"{name}: no pose is at the time of a frame: poses are at 1700000000"
+    ):
+        open_folder(path)

@@ -9,6 +9,7 @@ from rclpy.serialization import serialize_message
 
 from neuse.records import Instance, RgbdFrame
 from neuse_bags import topics
+from neuse_bags.conversions import odometry_to_msg
 from neuse_bags.frames import write_frame
 from neuse_bags.info import main
 from neuse_bags.inspection import BagReport, inspect_bag
@@ -199,3 +200,65 @@ class Bending:
         if name == topics.DEPTH_INFO.name:
             message.d = [0.1, -0.2, 0.0, 0.0, 0.0]
         self._writer.write(name, message, stamp_ns)
+
+
+def _binary(frame: RgbdFrame) -> RgbdFrame:
+    return replace(frame, mask=np.where(frame.mask > 0, 255, 0).astype(np.int32))
+
+
+def _without_depth(frame: RgbdFrame) -> RgbdFrame:
+    return replace(frame, depth_m=np.zeros_like(frame.depth_m))
+
+
+def _all_over(frame: RgbdFrame) -> RgbdFrame:
+    return replace(frame, mask=np.full_like(frame.mask, 7), instances=frame.instances[:1])
+
+
+def _unlabelled(frame: RgbdFrame) -> RgbdFrame:
+    return replace(frame, mask=np.zeros_like(frame.mask))
+
+
+UNUSABLE = [
+    (_binary, "10 x empty_mask .*5 x label_without_instance"),
+    (_without_depth, "10 x too_few_points .*send depth where the objects are"),
+    (_all_over, "5 x mask_too_large .*label the objects alone"),
+    (_unlabelled, "10 x empty_mask .*give the pixels of each instance its label"),
+]
+
+
+@pytest.mark.parametrize(("spoil", "told"), UNUSABLE)
+def test_bag_without_one_usable_instance_is_refused_with_the_reason(
+    frames: list[RgbdFrame], tmp_path: Path, spoil: Spoil, told: str
+) -> None:
+    (fault,) = inspect(bag_of([spoil(frame) for frame in frames], tmp_path / "b.mcap")).faults
+    assert re.search(f"0 instances in 5 frames can be used; refused: {told}", fault)
+
+
+@pytest.mark.parametrize("spoil", [_unlabelled, _uncalibrated, _of_another_size])
+def test_one_faulty_frame_is_only_noted(frames: list[RgbdFrame], tmp_path: Path, spoil: Spoil) -> None:
+    report = inspect(bag_of([spoil(frames[0]), *frames[1:]], tmp_path / "b.mcap"))
+    assert report.faults == ()
+    assert any("can be used; refused" in note or "1 cannot be used" in note for note in report.notes)
+
+
+@pytest.mark.parametrize("name", ["/odom", "/ground_truth/odometry"])
+def test_poses_of_another_clock_are_told(frames: list[RgbdFrame], tmp_path: Path, name: str) -> None:
+    with BagWriter(tmp_path / "b.mcap") as writer:
+        topics.declare(
+            writer, (*topics.FRAME_TOPICS, *topics.COLOR_TOPICS, topics.ODOMETRY, topics.TRUE_ODOMETRY)
+        )
+        for frame in frames:
+            write_frame(writer, frame)
+        writer.write(name, odometry_to_msg(10**18, np.eye(4), "odom"), frames[0].stamp_ns)
+    (fault,) = inspect(tmp_path / "b.mcap").faults
+    assert fault.startswith(f"{name}: no pose is at the time of a frame: poses are at 1000000000.000")
+
+
+def test_folder_that_is_no_bag_is_told_with_a_way_out(tmp_path: Path, capsys) -> None:
+    assert main([str(tmp_path)]) == 2
+    assert (
+        "without metadata.yaml, so no rosbag2 folder; give an .mcap file, or make" in capsys.readouterr().err
+    )
+    (tmp_path / "a.mcap").touch()
+    assert main([str(tmp_path)]) == 2
+    assert f"such as {tmp_path / 'a.mcap'}, or make one: ros2 bag reindex" in capsys.readouterr().err

@@ -24,6 +24,7 @@ from neuse.records import (
     Observation,
     ObservedFrame,
     OdometrySample,
+    Rejection,
     RgbdFrame,
     TrackedFrame,
     TrackedObservation,
@@ -33,7 +34,7 @@ from neuse_bags.evaluate import main as evaluate
 from neuse_bags.frames import write_frame
 from neuse_bags.mcap_file import BagReader, BagWriter
 from neuse_bags.recording import read_estimate
-from neuse_bags.run import main, run_pipeline
+from neuse_bags.run import _summary, main, run_pipeline
 from neuse_bags.views import read_observed
 
 CODE = Code("mug", False, np.arange(24.0).reshape(8, 3), np.full(8, 8**-0.5), np.full(6, 0.1))
@@ -266,3 +267,28 @@ def test_bag_is_not_overwritten_by_its_own_run(frames_bag: Path, capsys) -> None
     assert main([str(bag), "--out", str(bag.parent)]) == 2
     assert "choose another --out" in capsys.readouterr().err
     assert bag.read_bytes() == before
+
+
+class RejectingPipeline(MadeUpPipeline):
+    """Finds every instance without points, and maps nothing."""
+
+    def step(self, frame: RgbdFrame, odometry: OdometrySample | None) -> PipelineResult:
+        result = super().step(frame, odometry)
+        self.object_map = ObjectMap(frame.stamp_ns)
+        refused = (Rejection("too_few_points", "instance 7 (mug): 0 of 42 px have a usable depth"),) * 2
+        return replace(result, observed=replace(result.observed, rejections=refused))
+
+
+def test_refused_instances_are_counted_by_reason(frames_bag: Path, tmp_path: Path, capsys) -> None:
+    with BagReader(frames_bag) as bag, BagWriter(tmp_path / "recording.mcap") as writer:
+        faults = run_pipeline(bag, writer, RejectingPipeline())
+    assert faults == {"too_few_points": 8, "made_up": 1}
+    assert "run: too_few_points: instance 7 (mug): 0 of 42" in capsys.readouterr().err
+
+
+def test_map_without_objects_is_told_with_the_most_frequent_reason() -> None:
+    told, why = _summary({"made_up": 1, "too_few_points": 8}, 0)
+    assert told == "not used: 8 x too_few_points, 1 x made_up"
+    assert why.startswith("no object was mapped; most frequent fault: too_few_points")
+    assert list(_summary({}, 3)) == []
+    assert next(iter(_summary({}, 0))).startswith("no object was mapped; too few frames")

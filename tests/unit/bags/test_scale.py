@@ -37,3 +37,27 @@ def test_usual_objects_and_frames_without_any_are_no_fault() -> None:
     for depth_m in (0.5, 0.8, 1000.0):  # most are right
         check.add(square(depth_m))
     assert check.fault() is None
+
+
+@pytest.mark.parametrize(("factor", "remedy"), [(5.0, 0.2), (10.0, 0.1), (0.2, 5.0), (0.1, 10.0)])
+def test_factor_between_usual_units_is_seen_and_its_remedy_told(factor: float, remedy: float) -> None:
+    check = ScaleCheck()
+    for depth_m in (0.7, 0.8, 0.9):
+        check.add(square(depth_m * factor))
+    fault = check.fault()
+    assert fault is not None
+    assert fault.factor == remedy
+
+
+def test_unknown_categories_may_be_larger() -> None:
+    check = ScaleCheck()
+    check.add(replace(square(8.0), instances=(Instance(3, "chair"),)))
+    assert check.fault() is None
+
+
+def test_objects_that_the_border_cuts_off_tell_nothing() -> None:
+    check, frame = ScaleCheck(), square(0.8)
+    frame.mask[:] = 0
+    frame.mask[20, 0] = 3
+    check.add(frame)
+    assert check.fault() is None

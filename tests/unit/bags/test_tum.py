@@ -99,7 +99,10 @@ def _with_text(name: str, text: str):
         (_with("masks/instances.json", {"1305031102.180304": 1, "b": {}}), r"has no labels for 1305031102"),
         (_with_text("masks/instances.json", "{"), r"instances\.json is no JSON"),
         (_with_text("masks/instances.json", "[" * 10**5), r"instances\.json is no JSON"),
-        (_with("camera.json", CAMERA | {"width": float("inf")}), r"camera\.json lacks cannot convert"),
+        (
+            _with("camera.json", CAMERA | {"width": float("inf")}),
+            r"camera\.json has a wrong entry \(cannot convert",
+        ),
         (_without("masks/1305031102.180304.png"), r"180304\.png does not exist; rgb\.txt asks"),
         (_with_text("depth.txt", f"{STAMPS_S[0]} {'9' * 400}\n"), r"9 does not exist; depth"),
         (_with_text("depth.txt", "# nothing\n"), r"depth\.txt is not `stamp_s picture` a line"),
@@ -146,3 +149,10 @@ def test_depth_of_eight_bits_is_refused(tum: Path) -> None:
     write_picture(tum / "depth" / f"{STAMPS_S[0]}.png", depth(100).astype(np.uint8))
     with pytest.raises(InputError, match=r"8 bit; depth\.txt wants 32 x 24 pixels, 1 channel\(s\) of 16 bit"):
         list(open_tum(tum).frames())
+
+
+@pytest.mark.parametrize("name", ["odometry.txt", "groundtruth.txt"])
+def test_poses_of_another_clock_are_refused_by_file(tum: Path, name: str) -> None:
+    (tum / name).write_text("12.5 1 2 3 0 0 0 1\n")
+    with pytest.raises(InputError, match=rf"{name}: no pose is at the time of a frame: .*; write its stamps"):
+        open_tum(tum)

@@ -13,6 +13,7 @@ import pytest
 from nodes import samples
 from visualization_msgs.msg import MarkerArray
 
+from neuse.errors import NeuseError
 from neuse.geometry import exp
 from neuse.mapping.markers import CLEAN_SHEET, Marker, MarkerKind
 from neuse.records import ChangeKind, EdgeKind, Keyframe, ObjectChange, ObjectMap, RgbdFrame
@@ -205,3 +206,16 @@ def test_bag_without_anything_to_look_at_is_refused(tmp_path: Path, capsys) -> N
         topics.declare(writer, (topics.ODOMETRY,))
     assert view.main([str(tmp_path / "b.mcap"), "--out", str(tmp_path / "x.rrd")]) == 2
     assert "has nothing to look at" in capsys.readouterr().err
+
+
+def test_viewer_that_cannot_be_started_is_told_with_a_way_out() -> None:
+    class Unseen:
+        def spawn(self, default_blueprint: object) -> None:
+            raise RuntimeError("no viewer here\nmore")
+
+    rerun = SimpleNamespace(RecordingStream=lambda name: Unseen())
+    scenes = SimpleNamespace(rr=rerun, blueprint=lambda: None)
+    with pytest.raises(
+        NeuseError, match=r"cannot be started: no viewer here; write a file instead: --out X\.rrd"
+    ):
+        view._open(scenes, None)

@@ -1,6 +1,7 @@
 """The shipped YAML files hold every default, and ROS has the meaning and range of each parameter."""
 
 import runpy
+from array import array
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import pytest
 import yaml
 
 from neuse.params import fields, flatten
-from neuse_encoder_node.parameters import descriptor, to_ros
+from neuse_encoder_node.parameters import descriptor, misfit, to_ros
 
 ROOT = Path(__file__).resolve().parents[3]
 TOOL = runpy.run_path(str(ROOT / "tools" / "write_parameter_files.py"))
@@ -53,3 +54,18 @@ def test_descriptor_has_the_range_of_the_field(name: str):
         for allowed in ranges:
             assert low is None or allowed.from_value == low
             assert high is None or allowed.to_value == high
+
+
+@pytest.mark.parametrize(
+    ("given", "default", "told"),
+    [
+        (1, 0.5, "a.b = 1 is none; write 1.0"),
+        (array("q", [0, 1]), [0.5, 0.5], r"a.b = [0, 1] is none; write [0.0, 1.0]"),
+        (2.0, 3, "a.b = 2.0 is none; write a value such as 3"),
+        ("x", 0.5, "a.b = 'x' is none; write a value such as 0.5"),
+        (True, 0.5, "a.b = True is none; write a value such as 0.5"),
+        ([], [0.5], "a.b = [] is none; write a value such as [0.5]"),
+    ],
+)
+def test_value_of_another_kind_is_told_with_what_to_write(given: Any, default: Any, told: str):
+    assert misfit("a.b", given, default) == f"parameter {told}"
