@@ -1,5 +1,6 @@
 """Whether a bag has what the graph needs, found out from its topics, stamps, and some of its frames."""
 
+import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -55,7 +56,7 @@ def inspect_bag(bag: BagReader, known_categories: Collection[str] | None = None)
         BagError: the bag is damaged.
     """
     found = tuple((role, bag.topics[role.topic.name]) for role in ROLES if role.topic.name in bag.topics)
-    findings = [*_missing(bag), *_notes(found)]
+    findings = [*_missing(bag), *_notes(found), *_several_cameras(bag)]
     paired_ns, categories = list[int](), Counter[str]()
     if not any(finding.fatal for finding in findings):
         stamps_ns, categories = _read_stamps(bag)
@@ -89,7 +90,12 @@ def _hint(bag: BagReader, role: Role) -> str:
     alike = [t.name for t in bag.topics.values() if t.type_name in types and t.name not in own]
     if not alike:
         return ""
+    alike.sort(key=lambda name: -len(_words(name) & _words(role.topic.name)))
     return f"; is it {' or '.join(alike)}? then: convert {bag.path} --remap {alike[0]}:={role.topic.name}"
+
+
+def _words(name: str) -> set[str]:
+    return set(re.split("[/_]", name)) - {""}
 
 
 def _notes(found: Sequence[tuple[Role, BagTopic]]) -> Iterator[Finding]:
@@ -100,6 +106,15 @@ def _notes(found: Sequence[tuple[Role, BagTopic]]) -> Iterator[Finding]:
             yield Finding(told, fatal=False)
     if topics.ODOMETRY.name not in {topic.name for _, topic in found}:
         yield Finding(f"no {topics.ODOMETRY.name}: frames without known objects have no pose", fatal=False)
+
+
+def _several_cameras(bag: BagReader) -> Iterator[Finding]:
+    """Which need a graph each."""
+    namespaces = topics.namespaces_in(bag)
+    if len(namespaces) > 1 and all(namespaces):
+        cameras = ", ".join(namespaces)
+        told = f"{cameras} have {topics.DEPTH.name[1:]}: docs/maps.md says how robots share a map"
+        yield Finding(told, fatal=False)
 
 
 def _read_stamps(bag: BagReader) -> tuple[Stamps, Counter[str]]:

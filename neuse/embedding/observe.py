@@ -151,8 +151,9 @@ def pixels_by_label(mask: np.ndarray) -> dict[int, np.ndarray]:
     """Flat pixel indices of every label in the mask but the background."""
     flat = mask.ravel()
     labelled = np.flatnonzero(flat != 0)  # numbers it would count a second time, and slowly
-    labels = flat[labelled]
-    return {label: labelled[labels == label] for label in np.unique(labels).tolist()}
+    order = np.argsort(flat[labelled], kind="stable")
+    labels, starts = np.unique(flat[labelled[order]], return_index=True)
+    return dict(zip(labels.tolist(), np.split(labelled[order], starts)[1:], strict=True))
 
 
 def back_project(

@@ -19,6 +19,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -117,6 +118,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return train(arguments) if arguments.category else _train_all(argv)
     except NeuseError as error:
         parser.exit(2, f"{parser.prog}: {error}\n")
+    except KeyboardInterrupt:
+        parser.exit(130, f"{parser.prog}: stopped; the same command goes on with the views drawn so far\n")
 
 
 def train(arguments: argparse.Namespace) -> int:
@@ -125,14 +128,17 @@ def train(arguments: argparse.Namespace) -> int:
     arguments.out.mkdir(parents=True, exist_ok=True)
     weights = arguments.out / f"{arguments.category}.safetensors"
     resumed = arguments.resume and weights.with_suffix(".ckpt").exists()
+    start = arguments.start and weights_file(arguments.start)
+    if start:
+        load_network(start)  # fails now rather than after the views have been drawn
     group = join_group()
     source = _source(arguments)
     params = _params(arguments, source.symmetry, weights.with_suffix(".ckpt") if resumed else None)
     trainer = Trainer(arguments.category, params, *load_views(source, params, arguments.data, group), group)
     if resumed:
         trainer.load_checkpoint(weights.with_suffix(".ckpt"))
-    elif arguments.start is not None:
-        trainer.start_from(weights_file(arguments.start))
+    elif start:
+        trainer.start_from(start)
     if arguments.compile:
         compile_blocks(trainer.network)
     for stop in (signal.SIGTERM, signal.SIGINT):  # a shell's background processes would ignore SIGINT
@@ -200,6 +206,8 @@ def _checked(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> 
         parser.error(f"no simulated shapes of {arguments.category!r}; give --meshes DIR")
     if arguments.category is None and (arguments.meshes or "RANK" in os.environ):
         parser.error("with --meshes or torchrun, name one --category")
+    if arguments.threads < 1:
+        parser.error(f"--threads {arguments.threads}: give 1 or more")
     if arguments.symmetry and not arguments.meshes:
         parser.error("--symmetry is told of --meshes; that of simulated shapes is known")
     if arguments.category and not re.fullmatch(r"[\w-]+", arguments.category):
@@ -209,13 +217,14 @@ def _checked(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> 
 
 
 def _train_all(argv: Sequence[str]) -> int:
-    """Every category in a process of its own; 0 if all have ended well."""
-    command = [sys.executable, "-m", "neuse.embedding.train", *argv]
-    processes = [subprocess.Popen([*command, "--category", category]) for category in categories()]
+    """Every category in a process of its own, one a core at a time; 0 if all have ended well."""
+    command = [sys.executable, "-m", "neuse.embedding.train", *argv, "--category"]
+    pool = ThreadPoolExecutor(os.cpu_count())
     try:
-        return max(abs(process.wait()) for process in processes)  # of one that was killed it is negative
-    except KeyboardInterrupt:
-        return max(abs(process.wait()) for process in processes)  # Ctrl-C has reached them too; they save
+        codes = pool.map(lambda category: subprocess.call([*command, category]), categories())
+        return max(abs(code) for code in codes)  # of one that was killed it is negative
+    finally:
+        pool.shutdown(cancel_futures=True)  # Ctrl-C has reached those that run, too; they save
 
 
 if __name__ == "__main__":

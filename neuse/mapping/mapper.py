@@ -173,8 +173,8 @@ class ObjectMapper:
     def recall(self, object_map: ObjectMap) -> int:
         """Take over what an earlier mapper of this session knew; how many objects that are new here.
 
-        Of objects that are known here again their history is taken over, and their places if they have not
-        been seen since this mapper was loaded. A map later than the latest frame is of another session,
+        Of objects that are known here again their history is taken over, and their places if this mapper was
+        loaded with earlier ones. A map later than the latest frame is of another session,
         unless this mapper was loaded with what that one knew once. A session that is not in that map has yet
         to find its place there: what it has seen so far is forgotten.
         """
@@ -185,9 +185,8 @@ class ObjectMapper:
             self.reset()
             self._stamp_ns = stamp_ns
         recalled = [self._library.recall(known, self._memory.poses) for known in object_map.objects]
-        known_ids = {self._library.resolve(known.object_id) for known in object_map.objects}
-        self._newcomers -= known_ids
-        self._doubtful -= known_ids
+        for known in object_map.objects:
+            self._forget(self._library.resolve(known.object_id))
         return sum(recalled)
 
     def _judge_newcomers(self, object_ids: Set[int]) -> None:
@@ -272,7 +271,7 @@ class ObjectMapper:
         return change
 
     def _forget(self, object_id: int) -> None:
-        """An id that has become an alias leaves no evidence behind."""
+        """An id that has become an alias, or that is known otherwise, leaves no evidence behind."""
         self._newcomers.discard(object_id)
         self._doubtful.discard(object_id)
         self._presence.forget(object_id)

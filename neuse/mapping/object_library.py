@@ -9,6 +9,7 @@ from neuse.geometry import Array, inverse, transform_points
 from neuse.mapping.object_record import ObjectRecord, recalled
 from neuse.params import CheckedParams, param
 from neuse.records import (
+    NO_ID,
     MapObject,
     MatchStatus,
     ObjectMap,
@@ -50,14 +51,22 @@ class ObjectLibrary:
     def recall(self, known: MapObject, poses: Mapping[int, Array]) -> bool:
         """Take over what a map knew of an object; whether it is new here.
 
-        Of an object that has been seen here since its history is taken over.
+        Views of the present session stay, beside those of an earlier one the map's word counts.
         """
-        record = self.find(known.object_id)
+        record, told = self.find(known.object_id), recalled(known, poses)
         if record is None:
-            self.records[known.object_id] = recalled(known, poses)
+            self.records[known.object_id] = told
             return True
-        if record.last_tick <= 0:  # all that is known here is of an earlier run
-            self.records[record.object_id] = replace(recalled(known, poses), object_id=record.object_id)
+        views = {keyframe_id: view for keyframe_id, view in record.views.items() if keyframe_id > NO_ID}
+        if len(views) < len(record.views):
+            self.records[record.object_id] = replace(
+                told,
+                object_id=record.object_id,
+                last_seen_ns=max(known.last_seen_ns, record.last_seen_ns),
+                last_tick=max(record.last_tick, 0),
+                n_observations=known.n_observations + len(views),
+                views=told.views | views,
+            )
             return False
         record.first_seen_ns = min(known.first_seen_ns, record.first_seen_ns)
         record.n_observations += known.n_observations

@@ -11,13 +11,13 @@ from zlib import crc32
 
 import numpy as np
 
-from neuse.errors import ParamError
+from neuse.errors import MeshError, ParamError
 from neuse.geometry import Array
 from neuse.records import Instance, Intrinsics, ObjectChange, OdometrySample, RgbdFrame
 from neuse.simulation.camera import DepthCamera
 from neuse.simulation.changes import change_scene
 from neuse.simulation.layout import Decorator, Sight
-from neuse.simulation.mesh_files import mesh_paths
+from neuse.simulation.mesh_files import PATTERN, mesh_paths
 from neuse.simulation.meshes import load_meshes
 from neuse.simulation.odometry import drifting_odometry
 from neuse.simulation.population import Item, population
@@ -206,7 +206,10 @@ def _own_shapes(meshes: Path, known: Sequence[str]) -> dict[str, list[Shape]]:
     """By category, the known ones first; empty where there are procedural shapes alone."""
     folders = sorted(path.name for path in meshes.iterdir() if path.is_dir()) if meshes.is_dir() else []
     found = [name for name in folders if mesh_paths(meshes / name)]
-    return {category: load_meshes(meshes, category) for category in dict.fromkeys([*known, *found])}
+    own = {category: load_meshes(meshes, category) for category in dict.fromkeys([*known, *found])}
+    if not any(own.values()):
+        raise MeshError(f"no meshes below {meshes}; expected {meshes}/<category>/{PATTERN}")
+    return own
 
 
 def _initial_objects(

@@ -1,9 +1,12 @@
 """What the mapper knew last, for a mapper that was ended and started again."""
 
+import time
+
 from neuse_encoder_node.conversions import stamp_from_msg
 from neuse_msgs.msg import MapObject, ObjectMap
 
 NEVER_NS = 2**63
+PATIENCE_S = 10.0  # with a mapper that does not take it
 
 
 class MapMemory:
@@ -15,16 +18,26 @@ class MapMemory:
     """
 
     def __init__(self) -> None:
-        self._last: ObjectMap | None = None
+        self.forget()
 
     def hear(self, message: ObjectMap) -> ObjectMap | None:
-        """The map to give back to a mapper that has lost it; None for one that has lost nothing."""
-        last, self._last = self._last, message
-        return last if last is not None and _knows_more(last, message) else None
+        """The map to give back to a mapper that has lost it; None for one that has lost nothing.
+
+        A mapper that has just started may be heard before it hears: it gets the old map until its own tells
+        that it knows it. One that does not take it, as it was reset, has its way after a while.
+        """
+        now_s = time.monotonic()
+        if self._last is not None and _knows_more(self._last, message):
+            self._lost_s = now_s if self._lost_s is None else self._lost_s
+            if now_s - self._lost_s <= PATIENCE_S:
+                return self._last
+        self._last, self._lost_s = message, None
+        return None
 
     def forget(self) -> None:
         """A new run begins."""
-        self._last = None
+        self._last: ObjectMap | None = None
+        self._lost_s: float | None = None
 
 
 def _knows_more(last: ObjectMap, message: ObjectMap) -> bool:

@@ -27,7 +27,7 @@ from neuse_msgs.msg import KeyframeArray, ObjectChange, ObjectMap, ObjectObserva
 from neuse_msgs.msg import TrackedFrame as TrackedFrameMsg
 from neuse_slam_node import conversions
 from neuse_slam_node.map_frame import make_broadcaster
-from neuse_slam_node.map_memory import MapMemory
+from neuse_slam_node.map_memory import PATIENCE_S, MapMemory
 from neuse_slam_node.odometry_match import OdometryMatch
 from neuse_slam_node.packed_keyframes import KeyframeTable, pack
 
@@ -198,7 +198,10 @@ class SlamNode(StageNode):
         """A mapper that was started again gets back what the one before it knew."""
         lost = self._memory.hear(message)
         if lost is not None:
-            self.get_logger().info(f"mapper has started anew: it is told of {len(lost.objects)} objects")
+            self.get_logger().info(
+                f"mapper has started anew: it is told of {len(lost.objects)} objects",
+                throttle_duration_sec=PATIENCE_S,
+            )
             self._recalled.publish(lost)
 
     def _receive_prior(self, message: ObjectMap) -> None:

@@ -133,5 +133,6 @@ def assert_map_is_true(object_map: ObjectMap, things: Sequence[Thing], T_world_m
     centers = transform_points(T_world_map, np.array([known.code.center for known in present]))
     places = np.array([thing.T_world_object[:3, 3] for thing in things])
     distances_m = np.linalg.norm(centers[:, None] - places, axis=2)
-    assert distances_m.min(axis=1).max() < 0.06
+    off_m = {(k.object_id, k.status.name): d for k, d in zip(present, distances_m.min(axis=1), strict=True)}
+    assert not {name: distance for name, distance in off_m.items() if distance >= 0.06}
     assert sorted(distances_m.argmin(axis=1)) == list(range(len(things)))

@@ -77,6 +77,21 @@ def test_topic_of_another_name_is_proposed(frames_bag: Path, tmp_path: Path) -> 
     assert [fault for fault in report.faults if "--remap /cam/depth/camera_info:=/depth/camera_info" in fault]
 
 
+def test_bag_of_several_cameras_is_told_with_the_most_likely_names(
+    frames: list[RgbdFrame], tmp_path: Path
+) -> None:
+    with BagWriter(tmp_path / "b.mcap") as writer:
+        own = (*topics.FRAME_TOPICS, *topics.COLOR_TOPICS)
+        topics.declare(writer, tuple(topic.under(name) for name in ("/a", "/b") for topic in own))
+        for frame in frames:
+            write_frame(writer, frame, "/a")
+            write_frame(writer, frame, "/b")
+    report = inspect(tmp_path / "b.mcap")
+    assert [note for note in report.notes if "/a, /b have depth/image: docs/maps.md" in note]
+    proposed = {fault.rpartition("--remap ")[2] for fault in report.faults}
+    assert proposed == {f"/a{topic.name}:={topic.name}" for topic in topics.FRAME_TOPICS}
+
+
 def test_topic_of_another_type_is_told(frames_bag: Path, tmp_path: Path) -> None:
     swapped = {"/odom": "/segmentation/instances", "/segmentation/instances": "/odom"}
     faults = inspect(copy(frames_bag, tmp_path / "b.mcap", rename=swapped)).faults

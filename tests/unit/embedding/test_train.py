@@ -154,6 +154,7 @@ def test_command_line_trains_by_the_recipe_of_the_paper(command_line, tmp_path, 
         (["--recipe", "secret"], "invalid choice"),
         (["--category", "mug", "--symmetry", "axial"], "--symmetry is told of --meshes"),
         (["--category", "a/b", "--meshes", "somewhere"], "is to name files"),
+        (["--category", "mug", "--threads", "0"], "--threads 0: give 1 or more"),
         (["--category", "kettle", "--meshes", "nowhere"], "nowhere is not a directory"),
     ],
 )
@@ -189,14 +190,19 @@ def test_another_seed_is_no_way_to_go_on(command_line, capsys):
 
 
 def test_training_of_all_fails_where_one_is_killed(monkeypatch):
-    class Process:
-        codes = iter([0, -9, 0, 0])
-
-        def __init__(self, command):
-            self.wait = lambda: next(self.codes)
-
-    monkeypatch.setattr(train.subprocess, "Popen", Process)
+    codes = {"bottle": -9}
+    monkeypatch.setattr(train.subprocess, "call", lambda command: codes.get(command[-1], 0))
     assert train.main([]) == 9
+
+
+def test_stop_before_the_first_batch_tells_how_to_go_on(command_line, monkeypatch, capsys):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(train, "load_views", stop)
+    with pytest.raises(SystemExit, match="130"):
+        command_line("--steps", "1")
+    assert "the same command goes on" in capsys.readouterr().err
 
 
 def test_start_from_another_network_is_refused(command_line, tmp_path, capsys):
@@ -207,7 +213,8 @@ def test_start_from_another_network_is_refused(command_line, tmp_path, capsys):
     assert "start from another file" in capsys.readouterr().err
 
 
-def test_start_from_nowhere_is_refused(command_line, capsys):
+def test_start_from_nowhere_is_refused_before_views_are_drawn(command_line, monkeypatch, capsys):
+    monkeypatch.delattr(train, "load_views")
     with pytest.raises(SystemExit, match="2"):
         command_line("--steps", "1", "--from", "teapot")
     assert "no weights for category 'teapot'" in capsys.readouterr().err

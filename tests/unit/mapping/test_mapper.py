@@ -162,6 +162,31 @@ def test_mapper_loaded_with_an_earlier_map_goes_on_with_what_the_one_before_knew
     assert_map_is_true(world)
 
 
+def test_moved_object_that_a_loaded_mapper_has_seen_is_recalled_where_it_stands(tmp_path):
+    """The tracker goes on to call it by its name, and the loaded map has it where it stood."""
+    world = make_world()
+    world.tour(orbit(count=12))
+    world.mapper.save(tmp_path / "room.map")
+    world.move("a", 0.0, -0.3)
+    world.wait(2.0)
+    world.tour(orbit(count=16))
+    world.finish()
+    before = world.mapper.object_map
+    world.mapper = ObjectMapper(RECONSTRUCT)
+    world.mapper.load(tmp_path / "room.map")
+    world.tour(orbit(count=16)[:6])
+    assert world.mapper.recall(before) == 0
+    assert_map_is_true(world)
+    after = {known.object_id: known for known in world.mapper.object_map.objects}
+    for known in before.objects:
+        found = after[known.object_id]
+        assert (found.first_seen_ns, found.status) == (known.first_seen_ns, known.status)
+        assert known.n_observations <= found.n_observations <= known.n_observations + 6
+    world.tour(orbit(count=16))
+    assert len(world.finish()) == 1
+    assert_map_is_true(world)
+
+
 def test_loaded_mapper_recalls_no_later_map_of_others(tmp_path):
     world, other = make_world(), make_world()
     world.tour(orbit(count=4))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from neuse.errors import ParamError
+from neuse.errors import MeshError, ParamError
 from neuse.geometry import inverse, transform_points
 from neuse.records import ChangeKind, Intrinsics
 from neuse.simulation import worlds
@@ -194,6 +194,12 @@ def test_own_categories_join_those_of_the_preset(tmp_path):
     found = [tracked.shape.category for tracked in world.timeline.initial]
     assert found[:6] == ["mug", "bottle", "kettle"] * 2
     assert found.count("kettle") == 4
+
+
+def test_folder_without_any_mesh_is_refused(tmp_path):
+    (tmp_path / "kettle").mkdir()
+    with pytest.raises(MeshError, match=r"no meshes below .* expected .*<category>"):
+        make_world(SMALL, seed=100, meshes=tmp_path)
 
 
 @pytest.mark.slow
