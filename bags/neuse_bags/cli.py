@@ -36,6 +36,13 @@ def add_weights(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_namespace(parser: argparse.ArgumentParser) -> None:
+    """The option that chooses one camera among several."""
+    parser.add_argument(
+        "--namespace", default="", metavar="/A", help="camera whose topics are meant, in a bag of several"
+    )
+
+
 def run_command(
     parser: argparse.ArgumentParser,
     action: Callable[[argparse.Namespace], int | None],

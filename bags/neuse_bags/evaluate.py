@@ -26,17 +26,19 @@ def evaluate(args: argparse.Namespace) -> None:
     print(evaluate_recording(args.recording, args.truth, args.out, args.weights))
 
 
-def evaluate_recording(recording: Path, truth_bag: Path, folder: Path, weights: Sequence[Path] = ()) -> str:
+def evaluate_recording(
+    recording: Path, truth_bag: Path, folder: Path, weights: Sequence[Path] = (), namespace: str = ""
+) -> str:
     """Write all outputs of a recorded run; returns the summary for people.
 
-    weights: files of categories that are not shipped.
+    weights: files of categories that are not shipped.    namespace: of the camera in the truth's bag.
     """
-    estimate, truth = read_estimate(recording), read_truth(truth_bag)
+    estimate, truth = read_estimate(recording), read_truth(truth_bag, namespace)
     observed = read_observed(recording)
     mapped = (item.category for item in estimate.final_map().objects)
     seen = (o.code.category for frame in observed for o in frame.observations)
     decoders = _decoders({*mapped, *seen}, load_embeddings([*shipped_categories(), *weights]))
-    views = read_views(truth_bag, observed, decoders)
+    views = read_views(truth_bag, observed, decoders, namespace)
     return summary_text(write_outputs(folder, recording.stem, estimate, truth, decoders, views))
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from neuse.embedding.embedding import load_embeddings, shipped_categories
-from neuse_bags.cli import add_weights, command_parser, run_command
+from neuse_bags.cli import add_namespace, add_weights, command_parser, run_command
 from neuse_bags.inspection import BagReport, inspect_bag
 from neuse_bags.mcap_file import BagReader, BagTopic
 from neuse_bags.roles import Role
@@ -19,7 +19,7 @@ UNUSABLE = 1
 
 def info(args: argparse.Namespace) -> int:
     """The command."""
-    with BagReader(args.bag) as bag:
+    with BagReader(args.bag, args.namespace) as bag:
         report = inspect_bag(bag, {*shipped_categories(), *load_embeddings(args.weights)})
     print("\n".join(_lines(report)))
     return UNUSABLE if report.faults else 0
@@ -50,6 +50,7 @@ def parser() -> argparse.ArgumentParser:
     made = command_parser("info", __doc__)
     made.add_argument("bag", type=Path, metavar="BAG", help=".mcap file or rosbag2 folder")
     add_weights(made)
+    add_namespace(made)
     return made
 
 

@@ -113,7 +113,8 @@ def _several_cameras(bag: BagReader) -> Iterator[Finding]:
     namespaces = topics.namespaces_in(bag)
     if len(namespaces) > 1 and all(namespaces):
         cameras = ", ".join(namespaces)
-        told = f"{cameras} have {topics.DEPTH.name[1:]}: docs/maps.md says how robots share a map"
+        choice = f"look at one, --namespace {namespaces[0]}, or let them share a map (docs/maps.md)"
+        told = f"{cameras} have {topics.DEPTH.name[1:]}: {choice}"
         yield Finding(told, fatal=False)
 
 

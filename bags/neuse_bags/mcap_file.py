@@ -4,7 +4,7 @@ import struct
 from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -132,17 +132,25 @@ class BagWriter:
 class BagReader:
     """Reads a .mcap or .db3 file, or a rosbag2 folder; a context manager.
 
+    namespace: of one camera among several; its topics are called as if it were alone, `/a/odom` is `/odom`.
+
     Raises:
-        BagError: the bag is missing, truncated, damaged, or not of ROS 2.
+        BagError: the bag is missing, truncated, damaged, not of ROS 2, or has nothing in the namespace.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, namespace: str = "") -> None:
         self.path = path
         with _reading(path):
             check_chunks(path)
             self._reader = Reader(path)
             self._reader.open()
-        self.topics = {topic.name: topic for topic in map(_bag_topic, self._reader.connections)}
+        topics = list(map(_bag_topic, self._reader.connections))
+        self._names = _names_in(namespace, [topic.name for topic in topics])
+        if namespace and not self._names:
+            has = ", ".join(sorted(topic.name for topic in topics)) or "nothing"
+            raise BagError(f"{path} has no topic in namespace {namespace}; it has {has}")
+        named = ((self._names[topic.name], topic) for topic in topics if topic.name in self._names)
+        self.topics = {name: replace(topic, name=name) for name, topic in named}
         self.start_ns, self.end_ns = self._reader.start_time, self._reader.end_time
 
     def __enter__(self) -> "BagReader":
@@ -170,12 +178,13 @@ class BagReader:
         Raises:
             BagError: damage, or a topic whose type was defined otherwise when it was recorded.
         """
-        wanted = [c for c in self._reader.connections if topics is None or c.topic in topics]
+        named = ((self._names.get(c.topic), c) for c in self._reader.connections)
+        wanted = [c for name, c in named if name is not None and (topics is None or name in topics)]
         for connection in wanted:
             self._check_definition(connection)
         with _reading(self.path):
             for connection, stamp_ns, data in self._reader.messages(wanted) if wanted else ():
-                yield RawMessage(connection.topic, connection.msgtype, stamp_ns, bytes(data))
+                yield RawMessage(self._names[connection.topic], connection.msgtype, stamp_ns, bytes(data))
 
     def _check_definition(self, connection: Connection) -> None:
         """Raises BagError where the installed class would misread what was recorded."""
@@ -186,6 +195,16 @@ class BagReader:
                 f"{self.path}: {connection.topic} was recorded with another definition of "
                 f"{connection.msgtype} than is installed; make the bag again, or use the version it is of"
             )
+
+
+def _names_in(namespace: str, topics: Collection[str]) -> dict[str, str]:
+    """{topic: its name in the namespace, outside its own unless that hides it}; empty if it has none."""
+    if not namespace:
+        return {topic: topic for topic in topics}
+    prefix = f"/{namespace.strip('/')}/"
+    within = {topic: f"/{topic.removeprefix(prefix)}" for topic in topics if topic.startswith(prefix)}
+    hidden = {*within, *within.values()}
+    return {topic: topic for topic in topics if within and topic not in hidden} | within
 
 
 @contextmanager

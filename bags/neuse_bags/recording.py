@@ -54,13 +54,13 @@ def read_estimate(path: Path) -> Estimate:
     )
 
 
-def read_truth(path: Path) -> Truth | None:
+def read_truth(path: Path, namespace: str = "") -> Truth | None:
     """The ground truth of a simulated bag; None for a bag that has no true camera poses.
 
     Raises:
         BagError: the bag cannot be read.
     """
-    with BagReader(path) as bag:
+    with BagReader(path, namespace) as bag:
         if topics.TRUE_ODOMETRY.name not in bag.topics:
             return None
         return Truth(

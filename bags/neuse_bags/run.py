@@ -18,7 +18,7 @@ from neuse.geometry import Array
 from neuse.pipeline import Pipeline
 from neuse.records import Rejection
 from neuse_bags import topics
-from neuse_bags.cli import add_weights, command_parser, run_command, stop_on_signal
+from neuse_bags.cli import add_namespace, add_weights, command_parser, run_command, stop_on_signal
 from neuse_bags.evaluate import RECORDING, evaluate_recording, refuse_overwriting
 from neuse_bags.frames import IDENTITY, JOINED, read_frames, read_odometry
 from neuse_bags.mcap_file import BagReader, BagWriter
@@ -81,14 +81,14 @@ def run(args: argparse.Namespace) -> None:
     params = read_node_params(args.params_file) if args.params_file else NodeParams()
     embeddings = load_embeddings([*params.encoder_node.weights, *args.weights], params.encoder_node.device)
     refuse_overwriting(args.bag, recording)
-    with BagReader(args.bag) as bag:
+    with BagReader(args.bag, args.namespace) as bag:
         bag.require(JOINED)
         with BagWriter(recording) as writer:
             pipeline = Pipeline(params.pipeline, embeddings)
             faults = run_pipeline(bag, writer, pipeline, params.slam_node.camera_pose)
     for line in _summary(faults, len(pipeline.mapper.object_map.objects)):
         print(f"run: {line}", file=sys.stderr)
-    print(evaluate_recording(recording, args.bag, args.out, args.weights))
+    print(evaluate_recording(recording, args.bag, args.out, args.weights, args.namespace))
 
 
 def _summary(faults: Mapping[str, int], n_objects: int) -> Iterator[str]:
@@ -107,6 +107,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("bag", type=Path, metavar="BAG", help=".mcap file or rosbag2 folder")
     made.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write into")
     add_weights(made)
+    add_namespace(made)
     made.add_argument(
         "--params-file",
         type=Path,

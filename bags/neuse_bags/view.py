@@ -19,7 +19,7 @@ from typing import Any
 from tqdm import tqdm
 
 from neuse.errors import BagError, InputError, NeuseError, ParamError
-from neuse_bags.cli import command_parser, run_command, stop_on_signal
+from neuse_bags.cli import add_namespace, command_parser, run_command, stop_on_signal
 from neuse_bags.mcap_file import BagReader
 
 APPLICATION = "neuse"
@@ -31,19 +31,19 @@ def view(args: argparse.Namespace) -> None:
         raise ParamError(f"--out {args.out}: the name of a Rerun file ends in .rrd; rename it")
     scenes = _scenes()
     recording = _open(scenes, args.out)
-    drawn = draw_bags(scenes.RerunScene(recording), args.bags)
+    drawn = draw_bags(scenes.RerunScene(recording), args.bags, args.namespace)
     if not drawn:
         raise BagError(f"{args.bags[0]} has nothing to look at; it needs images or what the nodes publish")
     recording.flush()
     print(f"{args.out or 'viewer'}: {sum(drawn.values())} messages of {len(drawn)} topics")
 
 
-def draw_bags(scene: Any, paths: Sequence[Path]) -> Counter[str]:
+def draw_bags(scene: Any, paths: Sequence[Path], namespace: str = "") -> Counter[str]:
     """Draw what the bags have; returns how many messages of each topic."""
     drawn: Counter[str] = Counter()
     with stop_on_signal() as stop:
         for path in paths:
-            with BagReader(path) as bag:
+            with BagReader(path, namespace) as bag:
                 total = sum(bag.topics[name].n_messages for name in scene.topics if name in bag.topics)
                 for message in tqdm(bag.messages(scene.topics), total=total, unit="message"):
                     try:
@@ -88,6 +88,7 @@ def parser() -> argparse.ArgumentParser:
     made = command_parser("view", __doc__)
     made.add_argument("bags", type=Path, nargs="+", metavar="BAG", help=".mcap files or rosbag2 folders")
     made.add_argument("--out", type=Path, metavar="X.rrd", help="file to write instead of opening the viewer")
+    add_namespace(made)
     return made
 
 

@@ -23,14 +23,17 @@ def read_observed(recording: Path) -> list[ObservedFrame]:
 
 
 def read_views(
-    path: Path, observed: Sequence[ObservedFrame], reconstruct: Mapping[str, Reconstruct]
+    path: Path,
+    observed: Sequence[ObservedFrame],
+    reconstruct: Mapping[str, Reconstruct],
+    namespace: str = "",
 ) -> list[ReconstructedFrame]:
     """The frames that show most, from the bag that was fed to the run; empty where it lacks the images.
 
     reconstruct: by category, code -> mesh in the code's frame.
     """
     by_stamp = {frame.stamp_ns: frame for frame in telling_frames(observed, N_VIEWS)}
-    with BagReader(path) as bag:
+    with BagReader(path, namespace) as bag:
         if not bag.topics.keys() >= set(JOINED):
             return []
         frames = with_color(bag, list(read_frames(bag, _pass_over, by_stamp)))

@@ -87,9 +87,11 @@ def test_bag_of_several_cameras_is_told_with_the_most_likely_names(
             write_frame(writer, frame, "/a")
             write_frame(writer, frame, "/b")
     report = inspect(tmp_path / "b.mcap")
-    assert [note for note in report.notes if "/a, /b have depth/image: docs/maps.md" in note]
+    assert [note for note in report.notes if "/a, /b have depth/image: look at one, --namespace /a" in note]
     proposed = {fault.rpartition("--remap ")[2] for fault in report.faults}
     assert proposed == {f"/a{topic.name}:={topic.name}" for topic in topics.FRAME_TOPICS}
+    assert main([str(tmp_path / "b.mcap")]) == 1
+    assert main([str(tmp_path / "b.mcap"), "--namespace", "/b"]) == 0
 
 
 def test_topic_of_another_type_is_told(frames_bag: Path, tmp_path: Path) -> None:

@@ -209,3 +209,29 @@ def test_full_disk_is_told_with_the_way_to_what_was_saved(tmp_path: Path) -> Non
     with pytest.raises(BagError, match="No space left"):
         writer.close()
     writer.close()
+
+
+@pytest.fixture
+def several(tmp_path: Path) -> Path:
+    """Two cameras and a map, each topic told once by its own name."""
+    path = tmp_path / "several.mcap"
+    with BagWriter(path) as writer:
+        for stamp_ns, name in enumerate(("/a/odom", "/b/odom", "/map", "/odom")):
+            writer.add_topic(name, "std_msgs/msg/String", [RELIABLE])
+            writer.write(name, String(data=name), stamp_ns)
+    return path
+
+
+@pytest.mark.parametrize("namespace", ["/a", "a", "/a/"])
+def test_topics_of_a_namespace_are_called_as_if_it_were_alone(several: Path, namespace: str) -> None:
+    with BagReader(several, namespace) as bag:
+        assert bag.topics.keys() == {"/odom", "/b/odom", "/map"}
+        assert {name: topic.name for name, topic in bag.topics.items()} == {n: n for n in bag.topics}
+        told = [(message.topic, message.decode().data) for message in bag.messages()]
+        assert told == [("/odom", "/a/odom"), ("/b/odom", "/b/odom"), ("/map", "/map")]
+        assert [message.decode().data for message in bag.messages(["/odom"])] == ["/a/odom"]
+
+
+def test_namespace_without_topics_is_refused_with_what_there_is(several: Path) -> None:
+    with pytest.raises(BagError, match="no topic in namespace /c; it has /a/odom, /b/odom"):
+        BagReader(several, "/c")
